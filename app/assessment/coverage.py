@@ -86,12 +86,15 @@ def why_warning_unknown(
 ) -> str:
     """Why it is unknown whether a timely alert was possible before an exceedance; "" if known.
 
-    Either a hole ends at the exceedance, so its exact time is unknown and decides whether the alert
-    was timely. Or no sample was assessed in the last interval for a timely alert: one lead long,
-    ending one lead before the exceedance.
+    Either no sample was assessed before the exceedance. Or a hole ends at it, so its exact time is
+    unknown and decides whether the alert was timely. Or no sample was assessed in the last interval
+    for a timely alert: one lead long, ending one lead before the exceedance.
     promised: lead [s].   dt: of the monitor [s].
     """
     alert = alerts[0][0] if alerts and alerts[0][0] <= exceedance.t + SAME_TIME else None
+    before = assessments.t < exceedance.t - SAME_TIME
+    if alert is None and not (before & (assessments.state == OK)).any():
+        return f"limit exceeded at {exceedance.t:.2f} s, before it could be assessed"
     for hole in limited.holes:
         ends_at_it = hole.channel == exceedance.channel and hole.end == exceedance.t
         is_sure = alert is not None and (

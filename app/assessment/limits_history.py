@@ -113,8 +113,8 @@ class InForceTimeline:
         self, starts: Array, rulings: tuple[LimitsRuling | None, ...], own: Envelope | None
     ):
         self.starts, self.rulings = starts, rulings
-        limits = [own if ruling is None else ruling.limits for ruling in rulings]
-        each = [limit or Envelope.unlimited(len(KEYS)) for limit in limits]
+        self._known = [own if ruling is None else ruling.limits for ruling in rulings]
+        each = [limits or Envelope.unlimited(len(KEYS)) for limits in self._known]
         self.limits = Envelope(*map(np.array, zip(*each, strict=True)))
         """of each start, infinite where there is no limit or it is unknown"""
         self._silent = np.array([bool(ruling and ruling.reasons[0]) for ruling in rulings])
@@ -130,6 +130,12 @@ class InForceTimeline:
         """The limits at each time."""
         index = self.index(t)
         return Envelope(*(ends[index] for ends in self.limits))
+
+    def changes(self, t: Array) -> dict[int, Envelope | None]:
+        """The limits, None where unknown, by the sample from which they apply. t: (n,) [s]."""
+        index = self.index(t)
+        rows = np.flatnonzero(np.diff(index, prepend=-1))
+        return {row: self._known[index[row]] for row in rows.tolist()}
 
     def during(self, start: float, end: float) -> list[Envelope]:
         """Each distinct limits in force from start to end [s], in order."""

@@ -108,7 +108,8 @@ class RecordedFlight:
     @cached_property
     def manoeuvres(self) -> list[FollowedManoeuvre]:
         """As followed in flight."""
-        return CausalTrim.of(self.monitor).follow(self.recording.y, self.begun)
+        in_force = None if self.timeline is None else self.timeline.changes(self.recording.t)
+        return CausalTrim.of(self.monitor).follow(self.recording.y, self.begun, in_force)
 
     @cached_property
     def place(self) -> Indices:

@@ -46,12 +46,14 @@ NOT_FINITE = REASONS[assessing.INVALID]
 class LiveAssessed(NamedTuple):
     """A sample on the monitor's grid, with its assessment.
 
-    y: (n_channels,) from trim.   recorded: the same including trim.   manoeuvre: 1, 2 ...; 0: none.
-    shown: arrival time at which it was settled [s].   display: assessments by the monitors for
-    display.   ruling: limits in force or monitor in use; None for the monitor's own limits.
+    y: (n_channels,) from trim, as recorded where that is unknown.   judged: NaN there.
+    recorded: the same including trim.   manoeuvre: 1, 2 ...; 0: none.   shown: arrival time at
+    which it was settled [s].   display: assessments by the monitors for display.   ruling: limits
+    in force or monitor in use; None for the monitor's own limits.
     """
 
     y: Array
+    judged: Array
     recorded: Array
     assessment: Assessment
     attitude: Angles
@@ -73,8 +75,8 @@ class ReceivedExceedance(NamedTuple):
     """A received sample beyond a limit, whatever the grid makes of it.
 
     t: flight time [s].   is_dated: False if the source's time is implausible; t is by arrival.
-    y: (n_channels,) from trim.   recorded: the same including trim.   limits: that it exceeds.
-    beyond: see Ruling.
+    y: (n_channels,) from trim, NaN where that is unknown.   recorded: the same including trim.
+    limits: that it exceeds.   beyond: see Ruling.
     """
 
     t: float
@@ -282,7 +284,7 @@ class CausalScorer:
             ruling = self._rule.ahead(self._conditions.ahead(sample.t))
             limits, beyond = ruling.limits, ruling.beyond
         if limits is not None:
-            y = sample.y if self._trim is None else sample.y - np.nan_to_num(self._trim.level)
+            y = sample.y if self._trim is None else sample.y - self._trim.level
             if limits.exceeds(y) or (y is not sample.y and limits.exceeds(sample.y)):
                 about = y, sample.y, limits, beyond
                 self._exceedances.append(ReceivedExceedance(t, is_dated, *about))
@@ -311,6 +313,8 @@ class CausalScorer:
         ruling = None
         if self._rule is not None:
             ruling = self.ruling = self._rule.at(self._conditions.at(sample.t))
+            if self._trim is not None:
+                self._trim.judge_by(ruling.limits)
         begins = self._trim is not None and self._trim.update(sample.y)
         if isinstance(ruling, MonitorRuling):
             self._use(ruling, sample, begins)
@@ -330,7 +334,7 @@ class CausalScorer:
         if ruling is not None:
             assessment, display = ruling.apply(assessment, display)
         about = assessment, sample.attitude, self.manoeuvre, sample.shown, display, ruling
-        return LiveAssessed(y, sample.y, *about)
+        return LiveAssessed(y, known, sample.y, *about)
 
     def _use(self, ruling: MonitorRuling, sample: Sample, begins: bool) -> None:
         """Use the monitor of a ruling from this sample on, with an empty history.

@@ -1,6 +1,6 @@
 """The manoeuvres of a flight and their trim, from the samples so far."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import inf
 from typing import NamedTuple
 
@@ -10,6 +10,7 @@ from app.assessment.planned_test import PlannedTest, needed_channels, planned_te
 from core.kernels import causal_trim as kernel
 from core.kernels.causal_trim import TrimRule, TrimState
 from core.kernels.compiled import entry
+from core.limits.limits import Envelope
 from core.monitor import Monitor
 from core.types import Array
 
@@ -39,6 +40,14 @@ RESTS = 0.005
 """[rad, rad/s, g] Smaller motion always counts as rest."""
 MOVING = "the surfaces move: trim is measured as soon as they rest"
 RESTING = "no manoeuvre is under way: it begins with the first movement of a surface"
+BEYOND = (
+    "a limit is exceeded at rest: values are as recorded, and a manoeuvre from here is from this "
+    "rest"
+)
+EXCEEDED = (
+    "a limit is exceeded at rest: no trim is measured until that ends; press G if the aircraft is "
+    "trimmed so"
+)
 """These reasons are stored: a journal that is rescored must give the same."""
 BY_HAND = "no manoeuvre is under way: no channel is a control, so begin it by hand (press G)"
 
@@ -65,16 +74,20 @@ class CausalTrim:
         self, planned: PlannedTest, moving: Array | None = None, sizes: Array | None = None
     ) -> None:
         self.planned, dt = planned, planned.dt
+        self._limits = planned.limits
         n_trim = max(2, round(planned.trim_segment_s / dt))
         n_rest = n_trim + round(GUARD_S / dt)
         threshold = departure(input_sizes(planned) if sizes is None else sizes)
         length, n_channels = planned.duration, len(planned.dictionary)
         self._absolute = list(planned.dictionary.absolute)
         most = 0 if length is None else max(1, round((length - planned.trim_segment_s) / dt))
+        absolute = np.zeros(n_channels, bool)
+        absolute[self._absolute] = True
         self._rule = TrimRule(
             np.array(planned.controls, np.int64),
             threshold,
             np.full(n_channels, np.inf) if moving is None else moving,
+            absolute,
             n_trim,
             max(1, round(MEASURED_S / dt)),
             most,
@@ -84,6 +97,8 @@ class CausalTrim:
         self._state = TrimState(
             np.zeros(kernel.N_COUNT, np.int64),
             np.full(n_channels, np.nan),
+            planned.limits.low.copy(),
+            planned.limits.high.copy(),
             threshold.copy(),
             np.zeros(len(threshold)),
             np.empty((n_rest, n_channels)),
@@ -109,8 +124,14 @@ class CausalTrim:
 
     @property
     def level(self) -> Array:
-        """The last trim (n_channels,), NaN where unknown; 0 where it is not subtracted."""
-        level = self._state.trim.copy()
+        """The last trim (n_channels,), NaN where unknown; 0 where it is not subtracted.
+
+        At rest a trim that is itself beyond the limit is unknown: it may be an exceedance.
+        """
+        state = self._state
+        level = state.trim.copy()
+        if not self.manoeuvre:
+            level[(level <= state.low) | (level >= state.high)] = np.nan
         if self._absolute:
             level[self._absolute] = 0.0
         return level
@@ -119,6 +140,8 @@ class CausalTrim:
     def reason(self) -> str:
         """Why there is no manoeuvre."""
         if self._state.counts[kernel.HAS_TRIM]:
+            if (np.isnan(self.level) & np.isfinite(self._state.trim)).any():
+                return BEYOND
             unknown = [
                 key
                 for key, trim, moves in zip(
@@ -130,11 +153,19 @@ class CausalTrim:
                 if np.isnan(trim) and moves
             ]
             return moved(unknown) if unknown else RESTING if self.planned.controls else BY_HAND
-        n_rest = len(self._state.rest)
-        if self._state.counts[kernel.N_REST] >= n_rest:
+        n_rest, counts = len(self._state.rest), self._state.counts
+        if 0 < counts[kernel.BEYOND] == counts[kernel.N_REST]:
+            return EXCEEDED
+        if counts[kernel.N_REST] - counts[kernel.BEYOND] >= n_rest:
             return MOVING
         needed = n_rest * self.planned.dt
         return f"trim is measured: it needs {needed:.3g} s of rest before the manoeuvre"
+
+    def judge_by(self, limits: Envelope | None) -> None:
+        """Apply limits from the next sample on; None, for unknown ones, keeps the last."""
+        if limits is not None and limits is not self._limits:
+            self._limits = limits
+            self._state.low[:], self._state.high[:] = limits.low, limits.high
 
     def update(self, y: Array) -> bool:
         """Add a sample (n_channels,). Returns whether a manoeuvre begins with it."""
@@ -142,20 +173,27 @@ class CausalTrim:
         self._follow_one(self._rule, self._state, np.array([y]), 0)
         return self.manoeuvre not in (0, before)
 
-    def follow(self, y: Array, begun: Sequence[int] = ()) -> list[FollowedManoeuvre]:
+    def follow(
+        self,
+        y: Array,
+        begun: Sequence[int] = (),
+        in_force: Mapping[int, Envelope | None] | None = None,
+    ) -> list[FollowedManoeuvre]:
         """Add samples (n, n_channels) of a whole recording; return its manoeuvres.
 
-        begun: samples with which one is begun by hand.
+        begun: samples with which one is begun by hand.   in_force: other limits, by the sample from
+        which they apply.
         """
-        y, at = np.ascontiguousarray(y), 0
+        y, at, in_force = np.ascontiguousarray(y), 0, in_force or {}
         edges = list[tuple[int, int, Array]]()
-        for stop in (*begun, len(y)):
+        for stop in sorted({*begun, *in_force, len(y)}):
             while at < stop:
                 before = self.manoeuvre
                 at = kernel.follow(self._rule, self._state, y[:stop], at)
                 if self.manoeuvre != before:
                     edges.append((at - 1, self.manoeuvre, self.level))
-            if stop < len(y) and self.begin():
+            self.judge_by(in_force.get(stop))
+            if stop in begun and stop < len(y) and self.begin():
                 edges.append((stop, self.manoeuvre, self.level))
         ends = [at for at, *_ in edges[1:]] + [len(y)]
         return [

@@ -17,6 +17,7 @@ from app.flights.verdict import (
     longest_manoeuvre,
     not_flown,
     planned_length,
+    unassessed,
     verdict,
     verdict_of_recording,
 )
@@ -162,7 +163,7 @@ def _verdict(
         return verdict_of_recording(scored, alarms, _exceeded(info, alarms), monitor.dt, promised)
     first = first_exceedance(alarms)
     if first is not None:
-        before = before_exceedance(store, info.id, first.seq, monitor.dt)
+        before = before_exceedance(store, info.id, first, monitor.dt)
         live = info.source.get("kind") == "live"
         longest = longest_manoeuvre(planned_length(monitor.dataset_recipe))
         return verdict(alarms, Circumstances(promised, *before, live, longest))
@@ -188,11 +189,15 @@ def _exceeded(info: FlightInfo, alarms: Sequence[Alarm]) -> list[float]:
     return exceeded if info.exceeded_t is None else [*exceeded, info.exceeded_t]
 
 
-def before_exceedance(store: Store, flight_id: str, seq: int, dt: float) -> tuple[bool, bool]:
-    """Whether a seek led to this sample, and whether the monitor was not applicable to it."""
-    stored = store.flights.assessments(flight_id, max(seq - BEFORE, 0), seq)
+def before_exceedance(
+    store: Store, flight_id: str, first: Alarm, dt: float
+) -> tuple[bool, bool, str]:
+    """`jumped`, `withdrawn` and `unassessed` of the Circumstances of the first exceedance."""
+    stored = store.flights.assessments(flight_id, max(first.seq - BEFORE, 0), first.seq)
+    states = [STATES[code] for code in stored.state]
     withdrawn = (
-        is_withdrawn(STATES[code], reason, cause_of(STATES[code], reason))
-        for code, reason in zip(stored.state[-1:], stored.reasons[-1:], strict=True)
+        is_withdrawn(state, reason, cause_of(state, reason))
+        for state, reason in zip(states[-1:], stored.reasons[-1:], strict=True)
     )
-    return is_jump(stored.t, dt), any(withdrawn)
+    samples = zip(stored.t.tolist(), states, stored.reasons, strict=True)
+    return is_jump(stored.t, dt), any(withdrawn), unassessed(first.t, samples)

@@ -29,12 +29,14 @@ from app.flights.recorder import Recorder
 from app.flights.transport import NotPossible
 from app.flights.verdict import (
     BEFORE,
+    UNASSESSED,
     Circumstances,
     first_exceedance,
     is_jump,
     is_withdrawn,
     longest_manoeuvre,
     planned_length,
+    unassessed,
     verdict,
     verdict_of_recording,
 )
@@ -208,8 +210,8 @@ class Flight(ABC):
         self._shown = self._facts, self.verdict, self.exceedances.latched
         self._sent = self._current
         self._has_new_evidence = False
-        self._times = deque[float](maxlen=BEFORE + 1)
-        self._before_exceedance = False, False
+        self._newest = deque[tuple[float, State, str]](maxlen=BEFORE + 1)
+        self._before_exceedance = False, False, ""
 
     @property
     @abstractmethod
@@ -553,16 +555,18 @@ class Flight(ABC):
         index: int,
         attitude: Angles,
         display: tuple[Assessment, ...] = (),
+        remark: str = "",
     ) -> None:
         """Record, check and encode one sample; `_show` follows once per burst.
 
-        display: assessments by the monitors for display.
+        display: assessments by the monitors for display.   remark: on the exceedance.
         """
         seq = self._recent.head + 1
         self.recorder.add(seq, y, assessment, display)
         self._follow(y, assessment, exceedance, attitude, display, round(due * 1e3, 3))
         about = assessment, exceedance, self.clock, self._late
-        if raised := self.alarms.update(seq, index, *about, beyond=beyond_of(self._ruling)):
+        beyond = "; ".join(filter(None, (beyond_of(self._ruling), remark)))
+        if raised := self.alarms.update(seq, index, *about, beyond=beyond):
             self._raise_alarms(raised)
         if self._has_new_evidence:
             self._judge(seq, assessment)
@@ -588,7 +592,7 @@ class Flight(ABC):
         about = display, taken, ahead, attitude, isinstance(attitude, IntegratedAngles)
         frame = plain_frame(self._recent.head + 1, y, assessment, sent, *about)
         self._recent.append(encode_frame(frame))
-        self._times.append(assessment.t)
+        self._newest.append((assessment.t, assessment.state, assessment.reason))
         self.t, self._assessment, self._pose = assessment.t, assessment, (attitude, y)
         self._exceeds = exceedance is not None
         self.exceedances.update(assessment.t, y, self._limits, exceedance)
@@ -655,7 +659,7 @@ class Flight(ABC):
         if self._has_new_evidence and self._assessment is not None:
             self._judge(seq, self._assessment)
         elif self._has_new_evidence:
-            self.judge((False, False))
+            self.judge((False, False, UNASSESSED))
 
     def _doubt(self, doubts: tuple[Doubt, ...]) -> None:
         if doubts != self.doubts:
@@ -666,12 +670,13 @@ class Flight(ABC):
         first = first_exceedance(self.alarms.evidence)
         if first is not None and first.seq == seq:
             about = assessment.state, assessment.reason, assessment.cause
-            jumped = is_jump(np.array(self._times), self.plan.monitor.dt)
-            self._before_exceedance = jumped, is_withdrawn(*about)
+            jumped = is_jump(np.array([t for t, *_ in self._newest]), self.plan.monitor.dt)
+            why = unassessed(first.t, self._newest)
+            self._before_exceedance = jumped, is_withdrawn(*about), why
         self.judge(self._before_exceedance)
 
-    def judge(self, before_exceedance: tuple[bool, bool]) -> None:
-        """Decide the verdict. before_exceedance: `jumped` and `withdrawn` of Circumstances."""
+    def judge(self, before_exceedance: tuple[bool, bool, str]) -> None:
+        """Decide the verdict. before_exceedance: see ended.before_exceedance."""
         self._has_new_evidence, self._before_exceedance = False, before_exceedance
         alarms, live = self.alarms.evidence, self.plan.source.get("kind") == "live"
         reached = [alarm.t for alarm in alarms if alarm.kind == "limit"]

@@ -291,9 +291,11 @@ class Flights:
                 flight.is_restoring = True
                 lines = lines_of(journals.path(flight_id))
                 unrecorded = await asyncio.to_thread(flight.restore, lines, stored, alarms, markers)
+                before = False, False, ""
                 if (first := first_exceedance(alarms)) is not None:
-                    about = flight_id, first.seq, plan.monitor.dt
-                    flight.judge(await asyncio.to_thread(before_exceedance, self.store, *about))
+                    about = flight_id, first, plan.monitor.dt
+                    before = await asyncio.to_thread(before_exceedance, self.store, *about)
+                flight.judge(before)
                 await asyncio.to_thread(self.store.flights.resume, flight_id, flight.head)
                 flight.resume(unrecorded)
 

@@ -34,6 +34,7 @@ def shown_type(n_channels: int) -> np.dtype:
             ("shown", "<f8"),
             ("t", "<f8"),
             ("y", "<f8", (n_channels,)),
+            ("judged", "<f8", (n_channels,)),
             ("recorded", "<f8", (n_channels,)),
             ("p_value", "<f8"),
             ("alert", "?"),
@@ -83,6 +84,9 @@ class ShownFlight(StoredScript):
 
     def recorded(self, k: int) -> Array:
         return self.samples["recorded"][k]
+
+    def judged(self, k: int) -> Array:
+        return self.samples["judged"][k]
 
     def attitude(self, k: int) -> Angles:
         """As received; missing angles are integrated from the rates."""
@@ -197,6 +201,7 @@ def _row(assessed: LiveAssessed, display: DisplayAttitude | None) -> tuple[Any, 
         assessed.shown,
         assessment.t,
         assessed.y,
+        assessed.judged,
         assessed.recorded,
         np.nan if assessment.p_value is None else assessment.p_value,
         bool(assessment.alert),

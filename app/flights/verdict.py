@@ -21,6 +21,7 @@ from app.assessment.validity import LONGER
 from app.messages import Verdict
 from app.recipes.recipes import from_plain
 from core.flight_events import Alarm
+from core.limits.exceedance import SAME_TIME
 from core.monitor import State
 from core.monitor.assessment import REASONS, Cause
 from core.planned_test.collection import DatasetRecipe
@@ -32,6 +33,11 @@ WORST: tuple[Outcome, ...] = ("missed", "late_alert", "unseen", "invalid", "time
 """Outcomes of the exceedances of a recording, of which the first here is the flight's."""
 NOT_FLOWN = f"{EXCEEDED}, samples before it not flown"
 OUTSIDE = f"{EXCEEDED} outside every manoeuvre, where nothing was assessed"
+UNASSESSED = f"{EXCEEDED} before it could be assessed"
+FILLING = "filling the history"
+"""Start of the reasons of a monitor that warms up within a manoeuvre."""
+TRIM_UNKNOWN = "trim unknown"
+"""Reason of an exceedance as recorded, of which it is unknown whether it is one from trim."""
 
 
 class Circumstances(NamedTuple):
@@ -41,6 +47,7 @@ class Circumstances(NamedTuple):
     jumped: the samples just before the first exceedance were not flown, so an alarm raised with it
     could not warn.
     withdrawn: the monitor was not applicable by then; without an alarm it has not missed.
+    unassessed: the verdict if no sample before it was assessed, see `unassessed`; else empty.
     live: a warning counts from when its alarm was raised, however old its sample was by then.
     longest: [s] an earlier alert belongs to another manoeuvre.
     """
@@ -48,6 +55,7 @@ class Circumstances(NamedTuple):
     promised: float = 0.0
     jumped: bool = False
     withdrawn: bool = False
+    unassessed: str = ""
     live: bool = False
     longest: float = inf
 
@@ -57,10 +65,10 @@ AS_FLOWN = Circumstances()
 
 def verdict(alarms: Iterable[Alarm], circumstances: Circumstances = AS_FLOWN) -> Verdict | None:
     """How the first exceedance from trim was warned of; None without an exceedance."""
-    alarms, (promised, jumped, withdrawn, live, longest) = [*alarms], circumstances
+    alarms, (promised, jumped, withdrawn, unassessed, live, longest) = [*alarms], circumstances
     first, raw = first_exceedance(alarms), _first(alarms)
     if first is None:
-        return None if raw is None else _as_recorded(raw.t)
+        return None if raw is None else _as_recorded(raw.t, raw.reason or "")
     alerts = sorted(
         _warned(alarm, first, live)
         for alarm in alarms
@@ -70,6 +78,8 @@ def verdict(alarms: Iterable[Alarm], circumstances: Circumstances = AS_FLOWN) ->
     )
     if jumped and not alerts:
         return not_flown(first.t)
+    if unassessed and not withdrawn and not alerts:
+        return Verdict(exceeded_t=first.t, lead=None, text=unassessed)
     exceedance = RecordedExceedance(first.t, "", 0.0)
     result, lead = outcome(tuple((t, t) for t in alerts), exceedance, promised)
     result = "invalid" if withdrawn and not alerts else result
@@ -136,6 +146,19 @@ def is_jump(t: Array, dt: float) -> bool:
     return bool(((steps <= 0.0) | (steps > JUMP * dt)).any())
 
 
+def unassessed(t: float, samples: Iterable[tuple[float, State, str]]) -> str:
+    """The verdict on an exceedance before which no sample was assessed; else empty.
+
+    t: of the exceedance [s].   samples: the newest ones by then: t [s], state and reason.
+    """
+    before = [(state, reason) for at, state, reason in samples if at < t - SAME_TIME]
+    if any(state is State.OK for state, _ in before):
+        return ""
+    state, reason = before[-1] if before else (State.OK, "")
+    is_outside = state is State.WARMING_UP and not reason.startswith(FILLING)
+    return OUTSIDE if is_outside else UNASSESSED
+
+
 def is_withdrawn(state: State, reason: str, cause: Cause | None) -> bool:
     """Whether a monitor was not applicable to a sample; a lost sample withdraws nothing."""
     return state is State.INVALID and reason not in REASONS and cause is not Cause.BETWEEN
@@ -148,8 +171,9 @@ def _verdict(t: float, lead: float | None, text: str, result: Outcome, promised:
     return Verdict(exceeded_t=t, lead=lead, text=text, warning=warning)
 
 
-def _as_recorded(t: float) -> Verdict:
-    return Verdict(exceeded_t=t, lead=None, text=AS_RECORDED)
+def _as_recorded(t: float, reason: str = "") -> Verdict:
+    text = f"{EXCEEDED} as recorded, {TRIM_UNKNOWN}" if TRIM_UNKNOWN in reason else AS_RECORDED
+    return Verdict(exceeded_t=t, lead=None, text=text)
 
 
 def _warned(risk: Alarm, exceedance: Alarm, live: bool) -> float:

@@ -1,6 +1,8 @@
 """Finds manoeuvres and their trim, sample by sample, from the samples so far.
 
 A manoeuvre begins when a surface first departs from rest; trim is the mean of the rest before it.
+No rest in which a limit is exceeded becomes trim, unless a manoeuvre is begun by hand without one
+or the trim so far is unknown or beyond the limit itself.
 One compiled state machine serves a live source and a recording.
 """
 
@@ -9,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from core.kernels.compiled import jit
-from core.types import Array, Indices
+from core.types import Array, Flags, Indices
 
 DEPARTED_SAMPLES = 2
 """Consecutive samples of a departure, so that one outlier is none."""
@@ -20,16 +22,17 @@ LARGEST = 2.0
 TRAVEL = 2.0
 """Surfaces rest if they travel less than this many departures within the trim segment."""
 
-MANOEUVRE, N_BEGUN, LENGTH, DEPARTED, N_SINCE, N_REST, N_FLOWN, N_CALM, HAS_TRIM = range(9)
-N_COUNT = 9
+MANOEUVRE, N_BEGUN, LENGTH, DEPARTED, N_SINCE, N_REST, N_FLOWN, N_CALM, HAS_TRIM, BEYOND = range(10)
+N_COUNT = 10
 """Numbers of `counts`: the manoeuvre in progress, 0 at rest; manoeuvres begun; its samples;
 samples departed; samples since trim was measured; samples in each memory; whether trim was measured
-since the last manoeuvre."""
+since the last manoeuvre; N_REST at the newest sample of the rest beyond a limit, 0 for none."""
 
 
 class TrimRule(NamedTuple):
     """surfaces: (k,) columns of the surfaces.   threshold: (k,) departure of each [SI].
     moving: (n_channels,) a channel that moves further within the calm memory has no trim.
+    absolute: (n_channels,) whether the limits of a channel apply to its value with trim.
     n_trim, n_between: samples of the rest that count, between two measurements.
     n_most: longest manoeuvre, if it is known; else 0.   n_settling: its shortest length if not.
     n_usual: memory of the usual motion [samples].
@@ -38,6 +41,7 @@ class TrimRule(NamedTuple):
     surfaces: Indices
     threshold: Array
     moving: Array
+    absolute: Flags
     n_trim: int
     n_between: int
     n_most: int
@@ -46,7 +50,8 @@ class TrimRule(NamedTuple):
 
 
 class TrimState(NamedTuple):
-    """counts: (N_COUNT,).   trim: (n_channels,) NaN where unknown.   limits: (k,) of a departure.
+    """counts: (N_COUNT,).   trim: (n_channels,) NaN where unknown.   low, high: (n_channels,) of
+    the limits that apply.   limits: (k,) of a departure.
     usual: (k,) mean square of the motion about the trim at rest.
     rest, calm: (n, n_channels), flown: (n, k) the newest samples of the rest, of all, and of the
     manoeuvre's surfaces; each begins anew at its end.
@@ -54,6 +59,8 @@ class TrimState(NamedTuple):
 
     counts: Indices
     trim: Array
+    low: Array
+    high: Array
     limits: Array
     usual: Array
     rest: Array
@@ -82,7 +89,10 @@ def begin(rule, state):
     if counts[MANOEUVRE] > 0:
         return False
     if not counts[HAS_TRIM]:
-        _set_trim(rule, state, min(counts[N_REST], rule.n_trim))
+        first = max(0, counts[N_REST] - state.rest.shape[0])
+        if counts[BEYOND] < counts[N_REST]:
+            first = max(first, counts[BEYOND])
+        _set_trim(rule, state, first, min(counts[N_REST] - first, rule.n_trim))
     counts[HAS_TRIM] = 1
     counts[N_BEGUN] += 1
     counts[MANOEUVRE] = counts[N_BEGUN]
@@ -100,10 +110,25 @@ def _update(rule, state, y):
         begin(rule, state)
         return
     _remember(state.rest, counts, np.int64(N_REST), y)
+    if _exceeds(rule, state, y):
+        counts[BEYOND] = counts[N_REST]
     counts[N_SINCE] += 1
-    if counts[N_SINCE] >= rule.n_between and counts[N_REST] >= state.rest.shape[0]:
+    within = counts[N_REST] - counts[BEYOND]
+    if counts[N_SINCE] >= rule.n_between and within >= state.rest.shape[0]:
         counts[N_SINCE] = 0
         _measure(rule, state)
+
+
+@jit
+def _exceeds(rule, state, y):
+    """Whether a sample exceeds a limit from the trim so far, if that itself is within."""
+    for c in range(y.shape[0]):
+        low, high = state.low[c], state.high[c]
+        trim = 0.0 if rule.absolute[c] else state.trim[c]
+        is_known = rule.absolute[c] or low < trim < high
+        if is_known and (y[c] - trim <= low or y[c] - trim >= high):
+            return True
+    return False
 
 
 @jit
@@ -139,7 +164,7 @@ def _measure(rule, state):
         state.limits[k] = max(rule.threshold[k], NOISES * deviation, usual)
         rests &= highest - lowest <= TRAVEL * rule.threshold[k]
     if rests:
-        _set_trim(rule, state, rule.n_trim)
+        _set_trim(rule, state, state.counts[N_REST] - state.rest.shape[0], rule.n_trim)
         state.counts[HAS_TRIM] = 1
     elif state.counts[DEPARTED] == 0:
         state.counts[HAS_TRIM] = 0
@@ -163,21 +188,20 @@ def _spread(rest, n_rest, rule, k):
 
 
 @jit
-def _set_trim(rule, state, n):
-    """Trim of each channel: the mean of the n oldest samples of the rest.
+def _set_trim(rule, state, first, n):
+    """Trim of each channel: the mean of n samples of the rest from number `first` on.
 
     A channel that moves before the newest part keeps the trim of an earlier rest; without one it
     is unknown.
     """
-    size, n_rest = state.rest.shape[0], state.counts[N_REST]
+    size = state.rest.shape[0]
     guard = size - rule.n_trim
-    oldest = n_rest if n_rest >= size else 0
     for c in range(state.trim.shape[0]):
         if _moves(state.calm, state.counts[N_CALM], guard, c, rule.moving[c]):
             continue
         total, known = 0.0, 0
         for i in range(n):
-            value = state.rest[(oldest + i) % size, c]
+            value = state.rest[(first + i) % size, c]
             if np.isfinite(value):
                 total += value
                 known += 1
@@ -217,7 +241,7 @@ def _is_over(rule, state, y):
     else:
         over = counts[LENGTH] > rule.n_settling and _rests(rule, state)
     if over:
-        counts[MANOEUVRE] = counts[HAS_TRIM] = counts[N_REST] = 0
+        counts[MANOEUVRE] = counts[HAS_TRIM] = counts[N_REST] = counts[BEYOND] = 0
     return over
 
 

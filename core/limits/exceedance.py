@@ -113,18 +113,31 @@ def _furthest(
     return MeasuredExceedance(keys[worst], value, limits.exceeded(worst, value), judged)
 
 
+@dataclass(slots=True)
+class _Interval:
+    """From the first to the last sample of an exceedance [s]."""
+
+    start: float
+    end: float
+
+    def has(self, t: float, near: float) -> bool:
+        return self.start - near <= t <= self.end + near
+
+
 class Exceedances:
     """The measured exceedances of a flight per channel, and those that the strips latch.
 
     rest: value of each channel in trimmed flight, by key in the order of a sample.
-    near: [s] a received sample and a grid sample so close together are one exceedance.
+    near: [s] samples beyond a limit that are no further apart are one exceedance, in whatever order
+    they are added.
     """
 
     def __init__(self, rest: Mapping[str, float], near: float = 0.0) -> None:
         self._rest, self._near = rest, near
         self._index = {key: c for c, key in enumerate(rest)}
         self._of: dict[str, ChannelExceedances] = {}
-        self._begun: dict[str, set[float]] = {}
+        self._intervals: dict[str, list[_Interval]] = {}
+        self._current: dict[str, _Interval] = {}
         self._over: set[str] = set()
         self._latched: dict[str, LatchedExceedance] = {}
         self._is_over_any = False
@@ -185,6 +198,10 @@ class Exceedances:
         else:
             self._over.discard(named.channel)
 
+    def start_of(self, key: str, t: float) -> float:
+        """Start of the exceedance of a channel at t [s]."""
+        return next((i.start for i in self._intervals.get(key, ()) if i.has(t, self._near)), t)
+
     def acknowledge(self) -> None:
         """Acknowledge all; those that have ended are no longer latched."""
         for key, latched in list(self._latched.items()):
@@ -194,11 +211,7 @@ class Exceedances:
                 del self._latched[key]
 
     def _note(self, key: str, t: float, value: float, limit: float) -> None:
-        known = self._of.get(key)
-        begun = self._begun.setdefault(key, set())
-        begins = key not in self._over and not any(abs(t - each) <= self._near for each in begun)
-        if begins:
-            begun.add(t)
+        known, begins = self._of.get(key), self._begins(key, t)
         if known is None:
             self._of[key] = ChannelExceedances(key, 1, t, t, value, t, limit)
             return
@@ -207,6 +220,18 @@ class Exceedances:
         known.last_t = max(known.last_t, t) if begins else known.last_t
         if self._share(key, value, limit) > self._share(key, known.worst, known.limit):
             known.worst, known.worst_t, known.limit = value, t, limit
+
+    def _begins(self, key: str, t: float) -> bool:
+        """Whether a sample begins an exceedance; else the one that it belongs to is extended."""
+        intervals = self._intervals.setdefault(key, [])
+        interval = self._current.get(key) if key in self._over else None
+        if interval is None:
+            interval = next((i for i in reversed(intervals) if i.has(t, self._near)), None)
+        if is_new := interval is None:
+            intervals.append(interval := _Interval(t, t))
+        interval.start, interval.end = min(interval.start, t), max(interval.end, t)
+        self._current[key] = interval
+        return is_new
 
     def _share(self, key: str, value: float, limit: float) -> float:
         """How much of the way from rest to the limit."""

@@ -14,6 +14,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import msgspec
+import numpy as np
 
 from app.assessment.batches import Batch, ChannelReader, decode_batch
 from app.assessment.limits_in_force import LimitsInForce
@@ -34,6 +35,7 @@ from app.flights.sources.lag import Lag
 from app.flights.sources.simulated import SourceError
 from app.flights.sources.udp import UdpAccess, UdpReceiver
 from app.flights.transport import NotPossible
+from app.flights.verdict import TRIM_UNKNOWN
 from app.messages import ConditionSignal, LiveChange, LiveStatus, ManoeuvreBegun, TransportState
 from app.telemetry.journal import Journal, JournalFull, Journals
 from app.telemetry.recording import TelemetryError
@@ -255,9 +257,14 @@ class LiveFlight(Flight):
         self._replayed = [
             exceeding
             for exceeding in self._replayed
-            if all(abs(exceeding[0] - t) >= REJOIN_S for t in stored_t)
+            if not self._is_alarmed(*exceeding[:2], stored_t)
         ]
         return unrecorded
+
+    def _is_alarmed(self, t: float, named: MeasuredExceedance, alarms: Sequence[float]) -> bool:
+        """Whether an alarm was stored of the exceedance at t [s]. alarms: their times [s]."""
+        start = self.exceedances.start_of(named.channel, t)
+        return any(start - REJOIN_S < alarm < t + REJOIN_S for alarm in alarms)
 
     def resume(self, unrecorded: list[LiveAssessed]) -> None:
         """Continue a restored flight. OSError."""
@@ -501,26 +508,35 @@ class LiveFlight(Flight):
     def _fly_one(self, assessed: LiveAssessed, due: float) -> None:
         y, assessment, exceeded, attitude = self._flown(assessed)
         about = due, self.head + 1, attitude, assessed.display
-        self._fly(y, assessment, exceeded, *about)
+        unknown = self._unknown_trim(exceeded, assessed.judged)
+        self._fly(y, assessment, exceeded, *about, remark=unknown)
 
     def _flown(
         self, assessed: LiveAssessed
     ) -> tuple[Array, Assessment, MeasuredExceedance | None, Angles]:
-        y, recorded, ruling = assessed.y, assessed.recorded, assessed.ruling
+        judged, recorded, ruling = assessed.judged, assessed.recorded, assessed.ruling
         if assessed.manoeuvre > self._newest_manoeuvre:
             self._newest_manoeuvre = assessed.manoeuvre
             begun = ManoeuvreBegun(number=assessed.manoeuvre, t=assessed.assessment.t)
             self._begun.append(begun)
         self._hold(ruling, assessed.assessment.t)
         limits = self.plan.monitor.envelope if ruling is None else ruling.limits
-        exceeded = exceedance(self._keys, limits, y, recorded)
-        return y, assessed.assessment, exceeded, assessed.shown_attitude(self._display)
+        exceeded = exceedance(self._keys, limits, judged, recorded)
+        return assessed.y, assessed.assessment, exceeded, assessed.shown_attitude(self._display)
 
     def _exceedance_of(self, sample: ReceivedExceedance) -> tuple[float, MeasuredExceedance, str]:
         named = exceedance(self._keys, sample.limits, sample.y, sample.recorded)
         assert named is not None
-        reasons = "" if sample.is_dated else TIME_UNKNOWN, sample.beyond
+        unknown = self._unknown_trim(named, sample.y)
+        reasons = "" if sample.is_dated else TIME_UNKNOWN, sample.beyond, unknown
         return sample.t, named, "; ".join(filter(None, reasons))
+
+    def _unknown_trim(self, exceeded: MeasuredExceedance | None, judged: Array) -> str:
+        """TRIM_UNKNOWN for an exceedance as recorded that may be none, or one, from trim."""
+        if exceeded is None or exceeded.judged != "recorded":
+            return ""
+        is_known = np.isfinite(judged[self._keys.index(exceeded.channel)])
+        return "" if is_known else TRIM_UNKNOWN
 
     def _settle_later(self) -> None:
         deadline = self.scorer.deadline

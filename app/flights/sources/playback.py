@@ -123,9 +123,13 @@ class Script(ABC):
         """Sample k including trim, (n_channels,)."""
         return self.y(k)
 
+    def judged(self, k: int) -> Array:
+        """Sample k from trim, (n_channels,), NaN where that is unknown."""
+        return self.y(k)
+
     def exceedance(self, k: int, limits: Envelope | None) -> MeasuredExceedance | None:
         """The limit that sample k exceeds, if any. limits: None if unknown."""
-        return exceedance(self.keys, limits, self.y(k), self.recorded(k))
+        return exceedance(self.keys, limits, self.judged(k), self.recorded(k))
 
 
 class FollowedForecast:

@@ -5,6 +5,7 @@ quickly as ten seconds.
 """
 
 from collections.abc import Mapping, Sequence
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -79,6 +80,8 @@ class RecordedScript(StoredScript):
         none = [0.0] * samples["y"].shape[1]
         trims = [[value or 0.0 for value in trim] or none for trim in known]
         self._offsets = np.array([*trims, none]) + (biases or none)
+        unknown = [[nan if value is None else 0.0 for value in trim] or none for trim in known]
+        self._unknown = np.array([*unknown, none])
         self._starts = np.array([s.get("first", 0) for s in manoeuvres])
         if monitor is not None:
             self._follow(monitor)
@@ -115,8 +118,13 @@ class RecordedScript(StoredScript):
 
     def recorded(self, k: int) -> Array:
         """Sample k with bias and trim, (n_channels,); between manoeuvres by the last one's trim."""
-        before = int(np.searchsorted(self._starts, k, "right")) - 1
-        return self.samples["y"][k] + self._offsets[max(before, 0)]
+        return self.samples["y"][k] + self._offsets[self._last_manoeuvre(k)]
+
+    def judged(self, k: int) -> Array:
+        return self.samples["y"][k] + self._unknown[self._last_manoeuvre(k)]
+
+    def _last_manoeuvre(self, k: int) -> int:
+        return max(int(np.searchsorted(self._starts, k, "right")) - 1, 0)
 
     def exceedance(self, k: int, limits: Envelope | None) -> MeasuredExceedance | None:
         """The limit that sample k exceeds, or the recording between it and the last sample."""

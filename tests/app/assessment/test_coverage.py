@@ -102,6 +102,7 @@ def assessed(*lost: int) -> Assessments:
         (None, range(3, 9), (), "could not warn: no sample assessed from 8.50 to 8.70"),
         (None, range(3, 7), (), ""),
         (None, range(3, 9), ((8.1, 8.1),), ""),
+        (None, range(10), (), "limit exceeded at 9.00 s, before it could be assessed"),
         (None, (), (), ""),
     ],
 )

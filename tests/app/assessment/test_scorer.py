@@ -6,6 +6,7 @@ import pytest
 
 from app.assessment.grid import IntegratedAngles, Sample
 from app.assessment.scorer import CausalScorer, LiveAssessed
+from app.assessment.trim import BEYOND
 from core.channels import KEYS, LATERAL
 from core.monitor import State
 from core.simulation.attitude import DisplayAttitude
@@ -14,6 +15,7 @@ from tests.support import attas
 from tests.support.flying import EPSILON, T, exact_monitor, failing_flight
 from tests.support.oscillator import DT
 
+NY = KEYS.index("Ny")
 CONTROLS = LATERAL.of_role("control")
 TRIM = np.array([0.01, -0.02, 0.005, 0.03, 0.02, -0.04])
 
@@ -132,3 +134,26 @@ def test_an_attitude_without_bank_or_pitch_is_integrated_and_a_missing_heading_s
     received = said._replace(attitude=(0.2, 0.3, np.nan)).shown_attitude(display)
     assert not isinstance(received, IntegratedAngles)
     np.testing.assert_array_equal(received, (0.2, 0.3, np.nan))
+
+
+def test_no_exceedance_from_trim_is_claimed_while_the_trim_is_unknown() -> None:
+    scorer, n = CausalScorer(attas.trained(), 0.1), 100
+    y = np.zeros((n, 6))
+    y[:, NY] = 0.6
+    t = np.arange(n) * attas.TEST.dt
+    said = assessed(scorer, t, y)
+    assert np.isnan([one.judged[NY] for one in said]).all()
+    assert [one.y[NY] for one in said] == [0.6] * n  # shown as recorded
+    assert said[-1].assessment.reason == BEYOND
+    received = scorer.pop_exceedances()
+    assert len(received) == n
+    assert all(np.isnan(one.y[NY]) for one in received)
+
+
+def test_a_steady_exceedance_goes_on_until_it_ends() -> None:
+    scorer, n = CausalScorer(attas.trained(), 0.1), 300
+    y = np.zeros((n, 6))
+    y[60:260, NY] = 0.6
+    said = assessed(scorer, np.arange(n) * attas.TEST.dt, y)
+    assert [one.judged[NY] for one in said[60:]] == [0.6] * 200 + [0.0] * 40
+    assert [round(one.t / attas.TEST.dt) for one in scorer.pop_exceedances()] == [*range(60, 260)]

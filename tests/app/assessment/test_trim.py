@@ -1,14 +1,15 @@
 """A manoeuvre begins where the crew moves a surface; trim is the mean of the rest before it."""
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from app.assessment.planned_test import PlannedTest
-from app.assessment.trim import CausalTrim
-from core.channels import LATERAL
+from app.assessment.trim import BEYOND, EXCEEDED, RESTING, CausalTrim
+from core.channels import LATERAL, Dictionary
 from core.limits.limits import Limits
 from core.simulation.maneuver import MANEUVERS, Doublet, Maneuver
 from tests.support.attas import DOUBLET, record
@@ -194,3 +195,97 @@ def test_the_next_manoeuvre_after_an_unknown_trim_is_told_apart():
     assert trim.reason == "the aircraft moves: the trim of Ny is unknown until it rests"
     assert trim.begin()
     assert np.isnan(trim.level[3])
+
+
+BETA, NY = LATERAL.index("beta"), LATERAL.index("Ny")
+REST, STEADY = 60, 200
+"""Samples at rest, and of a steady value."""
+
+
+def levels(*parts: tuple[int, float], trim: CausalTrim | None = None) -> np.ndarray:
+    """Trim of Ny after each sample at rest. parts: samples, and their Ny."""
+    trim, level = trim or CausalTrim(PLAN), []
+    for ny in np.repeat([value for _, value in parts], [n for n, _ in parts]).tolist():
+        trim.update(np.where(np.arange(6) == NY, ny, 0.0))
+        level.append(trim.level[NY])
+    return np.array(level)
+
+
+def test_a_steady_exceedance_does_not_become_trim() -> None:
+    level = levels((REST, 0.1), (STEADY, 0.7), (REST, 0.1))
+    assert level[REST:] == pytest.approx(np.full(STEADY + REST, 0.1))
+
+
+def test_a_new_trim_within_the_limits_of_the_old_one_is_measured() -> None:
+    assert levels((REST, -0.4), (STEADY, 0.05), (STEADY, 0.4))[-1] == pytest.approx(0.4)
+
+
+def test_trim_is_measured_from_the_rest_after_an_exceedance() -> None:
+    level = levels((REST, 0.1), (STEADY, 0.7), (REST, 0.2))
+    assert level[-1] == pytest.approx(0.2)
+    assert {*np.round(level[REST:], 6)} == {0.1, 0.2}
+
+
+def test_the_trim_of_a_rest_beyond_the_limit_is_unknown_until_a_manoeuvre_begins_from_it() -> None:
+    trim = CausalTrim(PLAN)
+    assert np.isnan(levels((STEADY, 0.6), trim=trim)).all()
+    assert trim.reason == BEYOND
+    assert levels((STEADY, 0.1), trim=trim)[-1] == pytest.approx(0.1)
+    assert trim.reason == RESTING
+    again = CausalTrim(PLAN)
+    levels((STEADY, 0.6), trim=again)
+    assert again.begin()
+    assert again.level[NY] == pytest.approx(0.6)
+
+
+def after_a_manoeuvre() -> CausalTrim:
+    trim = CausalTrim(PLAN)
+    levels((REST, 0.0), trim=trim)
+    trim.begin()
+    while trim.manoeuvre:
+        trim.update(np.zeros(6))
+    return trim
+
+
+def test_a_person_may_take_a_rest_beyond_the_limit_for_trim() -> None:
+    trim = after_a_manoeuvre()
+    assert {*levels((STEADY, 0.6), trim=trim)} == {0.0}
+    assert trim.reason == EXCEEDED
+    assert trim.begin()
+    assert trim.level[NY] == pytest.approx(0.6)
+
+
+def test_an_exceedance_that_has_ended_is_no_part_of_the_trim_of_a_manoeuvre_begun_by_hand() -> None:
+    trim = after_a_manoeuvre()
+    levels((10, 0.6), (10, 0.1), trim=trim)
+    assert trim.reason != EXCEEDED
+    assert trim.begin()
+    assert trim.level[NY] == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(("reference", "expected"), [("absolute", 0.0), ("trim", 0.02)])
+def test_the_value_itself_of_an_absolute_channel_exceeds(
+    reference: Literal["trim", "absolute"], expected: float
+) -> None:
+    channels = [*LATERAL.channels]
+    channels[NY] = replace(channels[NY], reference=reference)
+    y = np.zeros((REST + STEADY, 6))
+    y[:REST, NY], y[REST:, NY], y[REST:, BETA] = 0.4, 0.6, 0.02
+    y[-30:, CONTROLS[1]] = AMPLITUDE
+    plan = replace(PLAN, dictionary=Dictionary("lateral", tuple(channels)))
+    ((_, _, trim),) = CausalTrim(plan).follow(y)
+    assert trim[BETA] == pytest.approx(expected)
+
+
+def test_limits_in_force_replace_those_of_the_test() -> None:
+    y = np.zeros((REST + STEADY, 6))
+    y[REST:, NY] = 0.4
+    y[-30:, CONTROLS[1]] = AMPLITUDE
+    narrow = Limits(Ny=0.3).envelope
+    for in_force, expected in (
+        ({}, 0.4),
+        ({REST: narrow}, 0.0),
+        ({REST: narrow, REST + 50: None}, 0.0),
+    ):
+        ((_, _, trim),) = CausalTrim(PLAN).follow(y, in_force=in_force)
+        assert trim[NY] == pytest.approx(expected)

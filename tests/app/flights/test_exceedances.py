@@ -49,6 +49,29 @@ def test_what_a_seek_comes_to_again_is_counted_once() -> None:
     assert [one.n for one in log.of_channels] == [1]
 
 
+def test_received_samples_and_those_of_the_grid_count_alike_in_any_order() -> None:
+    over = MeasuredExceedance("Ny", 0.6, 0.5, "both")
+    received = [0.02 * k for k in (*range(50, 70), *range(90, 110))]
+    on_grid = [(0.05 * k, 20 <= k < 28 or 36 <= k < 44) for k in range(60)]
+
+    def add(log: Exceedances) -> None:
+        for t in received:
+            log.add(t, over)
+
+    def update(log: Exceedances) -> None:
+        for t, is_over in on_grid:
+            y = np.where(np.arange(6) == NY, 0.6 * is_over, 0.0)
+            log.update(t, y, LIMITS, over if is_over else None)
+
+    counts = []
+    for way in ((add, update), (update, add)):
+        log = Exceedances(dict.fromkeys(KEYS, 0.0), near=0.1)
+        for act in way:
+            act(log)
+        counts += [one.n for one in log.of_channels]
+    assert counts == [2, 2]
+
+
 def test_an_exceedance_is_latched_until_it_was_acknowledged_and_is_over() -> None:
     log = sampled((0.6, 0), (0.8, 0), (0, 0))
     (latched,) = log.latched

@@ -10,10 +10,19 @@ import numpy as np
 import pytest
 
 from app.assessment.outcome import lead_words
+from app.assessment.trim import RESTING
 from app.flights.alarms import Alarms
 from app.flights.ended import records
 from app.flights.sources.recorded_playback import RecordedScript
-from app.flights.verdict import Circumstances, longest_manoeuvre, planned_length, verdict
+from app.flights.verdict import (
+    OUTSIDE,
+    UNASSESSED,
+    Circumstances,
+    longest_manoeuvre,
+    planned_length,
+    unassessed,
+    verdict,
+)
 from app.recipes.recipes import to_plain
 from core.channels import KEYS
 from core.flight_events import Alarm
@@ -401,6 +410,43 @@ def test_an_exceedance_where_the_monitor_was_withdrawn_is_neither_missed_nor_cau
     warned = verdict([stored("risk", 1.0), stored("limit", 1.31)], Circumstances(withdrawn=True))
     assert warned is not None
     assert warned.text == WARNED  # before it was withdrawn
+
+
+OK, WARMING = State.OK, State.WARMING_UP
+
+
+@pytest.mark.parametrize(
+    ("samples", "text"),
+    [
+        ([], UNASSESSED),
+        ([(1.3, OK, "")], UNASSESSED),  # the first sample exceeds
+        ([(1.25, WARMING, REASONS[1]), (1.3, OK, "")], UNASSESSED),
+        ([(1.25, WARMING, RESTING), (1.3, WARMING, RESTING)], OUTSIDE),
+        ([(1.2, OK, ""), (1.25, WARMING, REASONS[1])], MISSED),
+        ([(1.2, OK, ""), (1.25, WARMING, RESTING)], MISSED),  # the manoeuvre has just ended
+    ],
+)
+def test_an_exceedance_is_missed_only_if_a_sample_before_it_was_assessed(
+    samples: list[tuple[float, State, str]], text: str
+) -> None:
+    found = verdict([stored("limit", 1.3)], Circumstances(unassessed=unassessed(1.3, samples)))
+    assert found is not None
+    assert found.text == text
+    alarms = [stored("risk", 1.2), stored("limit", 1.3)]
+    warned = verdict(alarms, Circumstances(unassessed=unassessed(1.3, samples)))
+    assert warned is not None
+    assert warned.lead == pytest.approx(0.1)
+
+
+def test_the_record_of_a_flight_that_starts_beyond_its_limit_says_so(tmp_path: Path) -> None:
+    store, monitor = store_with(exact_monitor(), tmp_path)
+    flight = store.flights.add({"kind": "scripted"}, monitor, EPSILON)
+    about = np.full(3, 0.1), np.zeros(3, bool), [0] * 3, None, [""] * 3
+    store.flights.append(flight, 0, DT * np.arange(3), np.full((3, 6), 0.6), *about)
+    store.alarms.add(flight, alarm(1, 0, 0.0, "limit", exceedance=OVER))
+    found = records(store, [store.flights.end(flight)])[flight].verdict
+    assert found is not None
+    assert (found.text, found.warning) == (UNASSESSED, "")
 
 
 def test_a_flight_knows_by_its_samples_that_its_monitor_was_withdrawn(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from tests.support.attas import TEST, fly
 from tests.support.flying import ScriptedClock, SilentRecorder, plan
 from tests.support.oscillator import Array
 
-EPSILON, DT = 0.1, TEST.dt
+EPSILON, DT, NY = 0.1, TEST.dt, KEYS.index("Ny")
 
 
 class Arrival(NamedTuple):
@@ -82,6 +82,26 @@ def with_a_missing_channel(t: Array, y: Array) -> Iterator[Arrival]:
     yield from in_order(t, y)
 
 
+def beyond(t: Array, y: Array, *parts: float) -> Iterator[Arrival]:
+    """Two seconds of rest at each of these values of N_y, then the flight."""
+    rest = y[: round(2.0 / DT)]
+    parts_y = [rest + ny * (np.arange(6) == NY) for ny in parts]
+    y = np.concatenate([*parts_y, y])
+    yield from in_order(DT * np.arange(len(y), dtype=np.float64), y)
+
+
+def after_a_steady_exceedance(t: Array, y: Array) -> Iterator[Arrival]:
+    yield from beyond(t, y, 0.0, 0.8, 0.8)
+
+
+def starting_beyond_the_limit(t: Array, y: Array) -> Iterator[Arrival]:
+    yield from beyond(t, y, 0.8, 0.8)
+
+
+def beyond_the_limit_throughout(t: Array, y: Array) -> Iterator[Arrival]:
+    yield from beyond(t, y + 0.8 * (np.arange(6) == NY), 0.0, 0.8)
+
+
 Way = Callable[[Array, Array], Iterator[Arrival]]
 WAYS: tuple[Way, ...] = (
     in_order,
@@ -92,6 +112,9 @@ WAYS: tuple[Way, ...] = (
     a_little_slower,
     with_a_change_of_rate,
     with_a_missing_channel,
+    after_a_steady_exceedance,
+    starting_beyond_the_limit,
+    beyond_the_limit_throughout,
 )
 
 

@@ -139,6 +139,24 @@ def test_a_flight_of_a_killed_server_goes_on_with_the_same_bits(tmp_path: Path) 
     flown(fly, tmp_path)
 
 
+def test_a_restart_counts_exceedances_as_before(tmp_path: Path) -> None:
+    async def fly(live: Live, y: Array) -> None:
+        y = np.zeros_like(y)
+        y[5:15, 3] = y[40:50, 3] = 0.6
+        for k in range(55):
+            await live.push(k, y[k]).stored
+        alarms = [alarm for alarm in live.flight.alarms.at_hand if alarm.kind == "limit"]
+        again = live.another(SilentRecorder(live.clock))
+        lines = lines_of(live.journals.path(again.id))
+        again.resume(again.restore(lines, 54, alarms, []))
+        assert [one.n for one in again.exceedances.of_channels] == [2]
+        assert again.exceedances.of_channels == live.flight.exceedances.of_channels
+        assert [alarm for alarm in again.alarms.at_hand if alarm.kind == "limit"] == alarms
+        await again.stop("enough")
+
+    flown(fly, tmp_path)
+
+
 def test_what_the_clock_settled_before_a_kill_is_not_recorded_twice(tmp_path: Path) -> None:
     async def fly(live: Live, y: Array) -> None:
         for k in (0, 1, 3):
