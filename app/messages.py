@@ -243,7 +243,8 @@ class LiveStatus(Message):
     )
     condition: dict[ConditionKey, float | str] = Field(
         default_factory=dict,
-        description="newest values as sent, in SI units; `missing` or `stale` without one",
+        description="newest values as sent, in SI units; without one `missing`, `implausible` or "
+        "`stale`",
     )
     batches: int = Field(description="batches received, without repetitions")
     last_sequence: int | None = Field(description="largest number received; null for none")

@@ -11,30 +11,41 @@ ConditionKey = Literal["mach", "dynamic_pressure", "configuration", "altitude", 
 
 @dataclass(frozen=True)
 class ConditionChannel:
-    """A quantity that defines flight conditions, with its words for people."""
+    """A quantity that defines flight conditions, with its words for people.
+
+    lowest, highest: values that are plausible for an aircraft, in `unit`; None for any.
+    """
 
     key: ConditionKey
     symbol: str
     unit: str
     label: str
     lowest: float | None = None
-    """least value that it can have; null for none"""
+    highest: float | None = None
+
+    def is_plausible(self, value: float) -> bool:
+        low, high = self.plausible
+        return low <= value <= high
+
+    @property
+    def plausible(self) -> tuple[float, float]:
+        return _ends((self.lowest, self.highest))
 
 
 CONDITIONS: dict[ConditionKey, ConditionChannel] = {
     channel.key: channel
     for channel in (
-        ConditionChannel("mach", "M", "", "Mach number", 0.0),
-        ConditionChannel("dynamic_pressure", "q", "Pa", "dynamic pressure", 0.0),
+        ConditionChannel("mach", "M", "", "Mach number", 0.0, 10.0),
+        ConditionChannel("dynamic_pressure", "q", "Pa", "dynamic pressure", 0.0, 1e6),
         ConditionChannel("configuration", "conf", "", "number of the configuration"),
-        ConditionChannel("altitude", "h", "m", "altitude"),
-        ConditionChannel("V", "V", "m/s", "true airspeed", 0.0),
+        ConditionChannel("altitude", "h", "m", "altitude", -1e3, 1e5),
+        ConditionChannel("V", "V", "m/s", "true airspeed", 0.0, 2e3),
     )
 }
 CONDITION_KEYS: tuple[ConditionKey, ...] = tuple(CONDITIONS)
 Condition = tuple[float | str, ...]
 """In the order of CONDITION_KEYS: a value, or the word for its absence."""
-MISSING, STALE = "missing", "stale"
+MISSING, STALE, IMPLAUSIBLE = "missing", "stale", "implausible"
 NO_CONDITION: Condition = (MISSING,) * len(CONDITION_KEYS)
 Range = tuple[float | None, float | None]
 """From the first (included) to the second (excluded); None for no end."""
@@ -168,6 +179,18 @@ class Cases(Generic[AnyCase]):
             return " and ".join(unknown)
         needed = (CONDITIONS[key].label for key in self.needed)
         return f"no {self.content} for this {' and '.join(needed)}"
+
+
+def check_declared(declared: Mapping[ConditionKey, float]) -> None:
+    """ValueError for a declared value that no aircraft has."""
+    for key, value in declared.items():
+        known = CONDITIONS[key]
+        if not isfinite(value):
+            raise ValueError(f"the condition {key} is not a finite number: give its value")
+        if not known.is_plausible(value):
+            low, high = known.plausible
+            between = f"{low:g} to {high:g} {known.unit}".rstrip()
+            raise ValueError(f"{key} of {value:g} is implausible: give {between}")
 
 
 def ranges_from_plain(

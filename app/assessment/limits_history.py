@@ -15,7 +15,15 @@ from app.telemetry.mapping.mapping import TimeSource
 from app.telemetry.recording import TelemetryError
 from app.telemetry.units import convert
 from core.channels import KEYS, LATERAL, Dictionary
-from core.conditions import CONDITION_KEYS, CONDITIONS, MISSING, STALE, Condition
+from core.conditions import (
+    CONDITION_KEYS,
+    CONDITIONS,
+    IMPLAUSIBLE,
+    MISSING,
+    STALE,
+    Condition,
+    ConditionKey,
+)
 from core.limits.exceedance import SAME_TIME
 from core.limits.limits import (
     Envelope,
@@ -74,15 +82,18 @@ class LimitsHistory:
     def timeline(self, own: Sequence[Envelope | None]) -> "InForceTimeline":
         """Limits in force over time. own: limits of each monitor, alarm authority first."""
         starts, rulings = [-np.inf], list[LimitsRuling | None]([None])
+        notes: tuple[str, ...] = ()
         begins = [-np.inf if v.seq == 0 else v.t + SAME_TIME for v in self.versions]
         for version, (begin, end) in zip(self.versions, pairwise([*begins, np.inf]), strict=True):
             rule = LimitsRule(version, own)
             for t, condition in self._conditions(begin, end):
                 ruling = rule.at(condition)
+                if rule.contradiction and not notes:
+                    notes = (f"At {t:.2f} s {rule.contradiction}: the declared value applies.",)
                 if ruling is not rulings[-1]:
                     starts.append(t)
                     rulings.append(ruling)
-        return InForceTimeline(np.array(starts), tuple(rulings), own[0])
+        return InForceTimeline(np.array(starts), tuple(rulings), own[0], notes)
 
     def _conditions(self, begin: float, end: float) -> list[tuple[float, Condition]]:
         """The measured condition at `begin` [s] and at each later change before `end`."""
@@ -91,7 +102,7 @@ class LimitsHistory:
             edges += [series.t - ROUNDING, np.nextafter(series.t + CONDITION_VALID_S, np.inf)]
         t = np.unique(np.concatenate(edges))
         t = t[(t >= begin) & (t < end)]
-        columns = [_at(self.measured.get(key), t) for key in CONDITION_KEYS]
+        columns = [_at(key, self.measured.get(key), t) for key in CONDITION_KEYS]
         changes = np.ones(len(t), bool)
         changes[1:] = np.logical_or.reduce(
             [(v[1:] != v[:-1]) | (words[1:] != words[:-1]) for v, words in columns]
@@ -106,13 +117,17 @@ class InForceTimeline:
     """Which limits are in force when, and which monitors they suit.
 
     starts: (n,) increasing [s], the first -inf.   rulings: the ruling from each start on; None for
-    the alarm authority's own limits.   own: those; None where unknown.
+    the alarm authority's own limits.   own: those; None where unknown.   notes: for people.
     """
 
     def __init__(
-        self, starts: Array, rulings: tuple[LimitsRuling | None, ...], own: Envelope | None
+        self,
+        starts: Array,
+        rulings: tuple[LimitsRuling | None, ...],
+        own: Envelope | None,
+        notes: tuple[str, ...] = (),
     ):
-        self.starts, self.rulings = starts, rulings
+        self.starts, self.rulings, self.notes = starts, rulings, notes
         self._known = [own if ruling is None else ruling.limits for ruling in rulings]
         each = [limits or Envelope.unlimited(len(KEYS)) for limits in self._known]
         self.limits = Envelope(*map(np.array, zip(*each, strict=True)))
@@ -238,13 +253,15 @@ def _measured(columns: Columns, mapping: ChannelMapping, name: str, own: str) ->
     return ConditionSeries(t[known][order], values[known][order])
 
 
-def _at(measured: ConditionSeries | None, t: Array) -> tuple[Array, np.ndarray]:
+def _at(key: ConditionKey, measured: ConditionSeries | None, t: Array) -> tuple[Array, np.ndarray]:
     """Value of a channel at each time, and the word for why it has none; empty where it has."""
     if measured is None or not len(measured.t):
         return np.zeros(len(t)), np.full(len(t), MISSING)
     newest = np.searchsorted(measured.t, t + 2 * ROUNDING, "right") - 1
     at = np.maximum(newest, 0)
     late = t - measured.t[at] > CONDITION_VALID_S
-    unknown = (newest < 0) | np.isinf(measured.values[at])
-    words = np.where(unknown, MISSING, np.where(late, STALE, KNOWN))
-    return np.where(words == KNOWN, measured.values[at], 0.0), words
+    values, (low, high) = measured.values[at], CONDITIONS[key].plausible
+    unknown = (newest < 0) | np.isinf(values)
+    is_wild = (values < low) | (values > high)
+    words = np.select([unknown, is_wild, late], [MISSING, IMPLAUSIBLE, STALE], KNOWN)
+    return np.where(words == KNOWN, values, 0.0), words

@@ -150,6 +150,8 @@ class RecordedFlight:
         grid = on_grid(repaired, monitor.dt, read, dictionary)
         notes = list(grid.recording.notes)
         timeline = limits_over_time(history, [monitor])
+        if timeline is not None:
+            notes += timeline.notes
         if history is not None and timeline is None:
             notes.append(
                 f"A limit set was in force in the flight. Limit sets know only "

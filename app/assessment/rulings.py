@@ -9,6 +9,8 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 from core.conditions import (
     CONDITION_KEYS,
+    CONDITIONS,
+    IMPLAUSIBLE,
     MISSING,
     NO_CONDITION,
     STALE,
@@ -69,7 +71,11 @@ AnyRuling = TypeVar("AnyRuling", bound=Ruling)
 
 
 class ConditionRule(ABC, Generic[AnyRuling]):
-    """Which case of a set holds at a flight condition; declared values override measured ones."""
+    """Which case of a set holds at a flight condition.
+
+    Declared values override measured ones.   contradiction: why measured ones would give another
+    case than the newest; empty if they would not.
+    """
 
     def __init__(self, cases: Cases[Any], declared: Mapping[Any, float]) -> None:
         self._cases = cases
@@ -77,6 +83,7 @@ class ConditionRule(ABC, Generic[AnyRuling]):
         self._rulings: dict[int | str, AnyRuling] = {}
         self._last: tuple[Condition, AnyRuling] | None = None
         self._case: int | None = None
+        self.contradiction = ""
 
     @property
     def measured(self) -> list[ConditionKey]:
@@ -91,17 +98,33 @@ class ConditionRule(ABC, Generic[AnyRuling]):
         case, ruling = self._found(measured)
         self._case = self._case if case is None else case
         self._last = measured, ruling
+        self.contradiction = self._contradiction(measured)
         return ruling
 
     def ahead(self, measured: Condition) -> AnyRuling:
         """The ruling at a condition that is not next yet."""
         return self._found(measured)[1]
 
-    def _found(self, measured: Condition) -> tuple[int | None, AnyRuling]:
-        condition = tuple(
+    def _contradiction(self, measured: Condition) -> str:
+        condition, labels = self._merged(measured), []
+        sent = list(condition)
+        for k, (declared, value) in enumerate(zip(self._declared, measured, strict=True)):
+            if declared not in (None, value) and not isinstance(value, str):
+                sent[k] = value
+                label = CONDITIONS[CONDITION_KEYS[k]].label
+                labels.append(f"{label} {declared:g} is declared, the source sends {value:g}")
+        find = self._cases.find
+        same = not labels or find(tuple(sent), self._case) == find(condition, self._case)
+        return "" if same else "; ".join(labels)
+
+    def _merged(self, measured: Condition) -> Condition:
+        return tuple(
             value if declared is None else declared
             for declared, value in zip(self._declared, measured, strict=True)
         )
+
+    def _found(self, measured: Condition) -> tuple[int | None, AnyRuling]:
+        condition = self._merged(measured)
         case = self._cases.find(condition, self._case)
         key = self._cases.why_none(condition) if case is None else case
         if key not in self._rulings:
@@ -152,4 +175,6 @@ class ConditionHold:
         when, value = next(known, (t, inf))
         if not isfinite(value):
             return MISSING
+        if not CONDITIONS[CONDITION_KEYS[k]].is_plausible(value):
+            return IMPLAUSIBLE
         return value if t - when <= CONDITION_VALID_S else STALE

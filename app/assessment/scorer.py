@@ -34,7 +34,7 @@ from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import REASONS, Cause, withdrawn
 from core.monitor.monitor import Stream
 from core.monitor.peak_forecast import Ahead
-from core.monitor.status import NOT_APPLICABLE
+from core.monitor.status import NOT_APPLICABLE, Level
 from core.simulation.attitude import DisplayAttitude
 from core.types import Array
 
@@ -205,6 +205,7 @@ class CausalScorer:
         self.ruling: Ruling | None = None
         """of the newest sample; None for the monitor's own limits"""
         self._conditions = ConditionHold()
+        self._contradiction: tuple[Doubt, ...] = ()
         self._exceedances: list[ReceivedExceedance] = []
         self._authority = GridMonitor(monitor, epsilon)
         self._display = [GridMonitor(*shown) for shown in display]
@@ -269,7 +270,7 @@ class CausalScorer:
     @property
     def doubts(self) -> tuple[Doubt, ...]:
         """Why the newest received sample is no picture of the aircraft."""
-        return self._checks.doubts
+        return (*self._checks.doubts, *self._contradiction)
 
     def push(self, arrived: float, sample: Sample, source: str = "") -> list[LiveAssessed]:
         """Add a received sample; return the samples that it settles. source: its name."""
@@ -313,6 +314,7 @@ class CausalScorer:
         ruling = None
         if self._rule is not None:
             ruling = self.ruling = self._rule.at(self._conditions.at(sample.t))
+            self._note_contradiction(sample.t, self._rule.contradiction)
             if self._trim is not None:
                 self._trim.judge_by(ruling.limits)
         begins = self._trim is not None and self._trim.update(sample.y)
@@ -335,6 +337,13 @@ class CausalScorer:
             assessment, display = ruling.apply(assessment, display)
         about = assessment, sample.attitude, self.manoeuvre, sample.shown, display, ruling
         return LiveAssessed(y, known, sample.y, *about)
+
+    def _note_contradiction(self, t: float, reason: str) -> None:
+        if not reason:
+            self._contradiction = ()
+        elif not self._contradiction:
+            about = "contradiction", Level.CAUTION, t, f"at {t:.2f} s {reason}"
+            self._contradiction = (Doubt(*about),)
 
     def _use(self, ruling: MonitorRuling, sample: Sample, begins: bool) -> None:
         """Use the monitor of a ruling from this sample on, with an empty history.

@@ -41,8 +41,8 @@ RESTS = 0.005
 MOVING = "the surfaces move: trim is measured as soon as they rest"
 RESTING = "no manoeuvre is under way: it begins with the first movement of a surface"
 BEYOND = (
-    "a limit is exceeded at rest: values are as recorded, and a manoeuvre from here is from this "
-    "rest"
+    "the trim of this rest is beyond a limit: values are as recorded until a manoeuvre begins from "
+    "it"
 )
 EXCEEDED = (
     "a limit is exceeded at rest: no trim is measured until that ends; press G if the aircraft is "

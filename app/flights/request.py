@@ -1,13 +1,12 @@
 """The request for a flight."""
 
-from math import isfinite
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, field_validator, model_validator
 
 from app.flights.sources.source import SourceRequest
 from app.json_codec import Whole
-from core.conditions import ConditionKey
+from core.conditions import ConditionKey, check_declared
 
 MOST_DISPLAYED = 8
 
@@ -107,8 +106,7 @@ class FlightRequest(BaseModel):
                 f"the condition {' and '.join(self.source_names)} is a name, which only a live "
                 "source sends: give its value"
             )
-        if wild := [key for key, value in self.declared.items() if not isfinite(value)]:
-            raise ValueError(f"the condition {wild[0]} is not a finite number: give its value")
+        check_declared(self.declared)
         named = [str(self.monitor), *self.monitors]
         if twice := [name for name in self.monitors if named.count(name) > 1]:
             raise ValueError(

@@ -1,10 +1,10 @@
 """Limit sets, their versions, and the version in force in a flight."""
 
 import asyncio
-from typing import Annotated
+from typing import Annotated, Self
 
 from fastapi import APIRouter, Path
-from pydantic import BaseModel, Field, JsonValue
+from pydantic import BaseModel, Field, JsonValue, model_validator
 
 from app.flights.flight_limits import to_store
 from app.http.problems import problem_responses
@@ -23,7 +23,7 @@ from app.routes.dependencies import (
 )
 from app.store.limit_sets import LimitSetInfo, StoredLimits
 from app.store.people import LOCAL
-from core.conditions import ConditionKey
+from core.conditions import ConditionKey, check_declared
 from core.flight_events import FlightLimits
 from core.limits.limit_sets import LimitSet, limit_set_from_plain
 
@@ -80,6 +80,11 @@ class LimitsRequest(BaseModel):
         description="declared flight conditions in SI units; earlier declarations stay in force",
     )
     by: By = LOCAL
+
+    @model_validator(mode="after")
+    def check(self) -> Self:
+        check_declared(self.fixed)
+        return self
 
 
 @router.get("/limit-sets")

@@ -4,7 +4,7 @@
  * createTestCard(element) -> TestCard     hidden until a card is shown
  *   show(hello)              the card and channels of the alarm authority; of a monitor set it changes in flight
  *   draw({frame, begun, condition, ring, stale})     frame: the newest; null before the first
- *     begun: [{number, t}] manoeuvres.   condition: of a live source as sent, {key: value | "missing" | "stale"}; else null
+ *     begun: [{number, t}] manoeuvres.   condition: of a live source as sent, {key: value | "missing" | "implausible" | "stale"}; else null
  *     ring: of the flight's chart
  * phaseOf(card, begun, frame) -> {phase, since, what, step, wait}     phase: one of PHASES
  *     since: t of the first input of the manoeuvre that is flown or was the last [s]; null before the first
@@ -114,6 +114,7 @@ export function createTestCard(element) {
     const c = channels.findIndex((channel) => channel.key === key);
     const value = c >= 0 ? frame?.y[c] : sent?.[key];
     if (typeof value === "number") return value;
+    if (value === "implausible") return value;
     return value === "stale" ? "not sent for 1 s" : "not sent";
   }
 

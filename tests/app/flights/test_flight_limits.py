@@ -19,6 +19,7 @@ from app.flights.shown_flight import ShownFlight
 from app.flights.sources.live import LiveFlight, LiveSetup
 from app.flights.transport import NotPossible
 from app.messages import LimitsFrom, encode_frame
+from app.routes.limit_sets import LimitsRequest
 from app.store.store import Store, open_store
 from app.telemetry.contents import open_columns
 from app.telemetry.journal import Journals
@@ -292,5 +293,57 @@ def test_a_measured_condition_chooses_the_limits_and_the_journal_says_the_same(
             reason = "" if slow else reasons[1] if fast else f"{reasons[0]} missing"
             assert frame["reason"].startswith(reason), k
             assert frame["p_value"] == (expected[k] if slow else None), k
+
+    run(test)
+
+
+async def push(place: Range, flight: LiveFlight, k: int, **condition: float) -> None:
+    place.clock.advance(DT)
+    sample = {"t": T[k], **dict.fromkeys(KEYS, 0.0), **condition}
+    await flight.receive(json.dumps(sample), "rest").stored
+
+
+def test_an_implausible_condition_counts_as_none(run: Callable) -> None:
+    async def test(place: Range) -> None:
+        source = {"kind": "live", "trim": "none"}
+        async with place.flights() as flights:
+            own = place.add(exact_monitor(), "oscillator")
+            flight = await place.fly(flights, monitor=own, source=source)
+            words = []
+            for k, mach in enumerate((0.6, -1.0, 10.5, 0.7)):
+                await push(place, flight, k, mach=mach)
+                words.append((flight.limits.case, flight.limits.reason))
+            assert flight.live.condition["mach"] == 0.7
+        implausible = ("", "limits unknown: Mach number is implausible")
+        assert words == [("slow", ""), implausible, implausible, ("slow", "")]
+
+    run(test)
+
+
+@pytest.mark.parametrize("condition", [{"mach": -1.0}, {"mach": 11.0}, {"altitude": 2e5}])
+def test_an_implausible_condition_cannot_be_declared(condition: dict[str, float]) -> None:
+    asked = {"source": {"kind": "live"}, "monitor": "m", "limit_set": "l"}
+    with pytest.raises(ValueError, match="is implausible"):
+        FlightRequest.model_validate(asked | {"condition": condition})
+    with pytest.raises(ValueError, match="is implausible"):
+        LimitsRequest.model_validate({"limit_set": "l", "fixed": condition})
+
+
+def test_a_source_that_contradicts_a_declared_condition_is_a_caution(run: Callable) -> None:
+    async def test(place: Range) -> None:
+        source = {"kind": "live", "trim": "none"}
+        asked: dict[str, Any] = {"source": source, "condition": {"mach": 0.6}}
+        async with place.flights() as flights:
+            asked["monitor"] = place.add(exact_monitor(), "oscillator")
+            flight = await place.fly(flights, **asked)
+            found = []
+            for k, mach in enumerate((0.6, 0.7, 0.9, 0.91, 0.7)):
+                await push(place, flight, k, mach=mach)
+                assert flight.limits.case == "slow"
+                found.append([doubt.reason for doubt in flight.doubts])
+            said = "at 0.10 s Mach number 0.6 is declared, the source sends 0.9"
+            assert found == [[], [], [said], [said], []]
+            (alarm,) = [one for one in flight.alarms.at_hand if one.kind == "contradiction"]
+            assert (alarm.level, alarm.reason) == ("caution", said)
 
     run(test)
