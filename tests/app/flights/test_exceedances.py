@@ -104,8 +104,8 @@ def test_who_joins_late_is_told_what_the_others_saw_and_the_record_counts_it(
             assert [(one.t, one.limits and one.limits["Ny"]) for one in hello.held] == [
                 (None, 0.5),
                 (None, None),
-                (None, 0.5),
-                (T[19], 0.4),
+                (T[0], 0.5),
+                (T[20], 0.4),
             ]
             (latched,) = hello.latched
             assert (latched.channel, latched.t, latched.over) == ("Ny", T[25], False)
