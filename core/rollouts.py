@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
+from math import isfinite
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +23,8 @@ FEWEST_RANKED = 20
 """Flights of either kind needed to say that a channel leaks the label."""
 MOST_NAMED = 20
 """Most flights left out to name."""
+SAME_SIZE = 1e-3
+"""Relative difference between files of one flight."""
 UNLABELLED = -2
 """Label of a flight whose failure only the limits tell."""
 
@@ -36,6 +39,7 @@ class FlownManoeuvre:
 
     flight: name of its recording.   digest: SHA-256 of the recording's file, which tells flights
     apart.   start, end: [s] in the recording's own time.   recording: its id, if it is stored.
+    sizes: of the recording, see `is_same_flight`; empty if an earlier version stored it.
     """
 
     flight: str
@@ -44,6 +48,21 @@ class FlownManoeuvre:
     start: float
     end: float
     recording: str = ""
+    sizes: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "sizes", tuple(self.sizes))
+
+
+def is_same_flight(sizes: Sequence[float], others: Sequence[float]) -> bool:
+    """Whether two recordings are of one flight, whatever their files.
+
+    sizes, others: duration [s], then standard deviation and range of each measured channel, NaN if
+    it was not recorded. Files may differ in sample rate, rounding, start and bias.
+    """
+    pairs = [(a, b) for a, b in zip(sizes, others, strict=False) if isfinite(a) and isfinite(b)]
+    is_known = len(sizes) == len(others) and any(a > 0.0 for a, _ in pairs[1:])
+    return is_known and all(abs(a - b) <= SAME_SIZE * max(a, b) for a, b in pairs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,10 +182,16 @@ class LabelledFlights:
             setting = np.unique(self.theta, axis=0, return_inverse=True)[1].reshape(-1)
         if not self.flown:
             return setting
-        numbers: dict[str, int] = {}
+        numbers, seen = dict[str, int](), list[FlownManoeuvre]()
         for k, each in enumerate(self.flown):
-            if each is not None:
-                setting[k] = len(self.y) + numbers.setdefault(each.digest, len(numbers))
+            if each is None:
+                continue
+            if each.digest not in numbers:
+                alike = (other for other in seen if is_same_flight(other.sizes, each.sizes))
+                same = next(alike, None)
+                numbers[each.digest] = numbers[same.digest] if same else len(numbers)
+                seen.append(each)
+            setting[k] = len(self.y) + numbers[each.digest]
         return np.unique(setting, return_inverse=True)[1].reshape(-1)
 
 

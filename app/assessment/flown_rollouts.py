@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from app.assessment.planned_test import PlannedTest, rollouts_test
-from app.assessment.recorded import in_units, on_grid
+from app.assessment.recorded import in_units, on_grid, sizes_of
 from app.assessment.segments import ScoringRecipe, Segment, segments
 from app.assessment.trim import CausalTrim, motion
 from app.telemetry.recording import Recording, TelemetryError
@@ -141,6 +141,7 @@ def _windows(flight: FlownFlight, beside: Beside, findings: list[str]) -> Iterat
     if not selected:
         findings.append(f"{flight.name} shows no manoeuvre, as no control moves: left out")
         return
+    sizes = sizes_of(repaired.traces, dictionary)
     t, outside = grid.recording.t, set(flight.failures or ())
     stops = [part.first if part.onset is None else part.onset for part in selected[1:]]
     for part, stop in zip(selected, [*stops, len(t)], strict=True):
@@ -160,7 +161,7 @@ def _windows(flight: FlownFlight, beside: Beside, findings: list[str]) -> Iterat
             )
             continue
         about = flight.name, flight.digest, part.name, begin, float(t[part.last])
-        flown = FlownManoeuvre(*about, flight.recording)
+        flown = FlownManoeuvre(*about, flight.recording, sizes)
         place = np.rint((t[rows] - begin) / dt).astype(int)
         yield _Window(flown, place, y, t[rows], part.last + 1 - part.first, failures)
     if outside:

@@ -7,7 +7,7 @@ the times of their arrival, an uploaded file in the order of time.
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import inf
+from math import inf, nan
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -171,6 +171,21 @@ class RecordedFlight:
             tuple(notes),
             timeline,
         )
+
+
+def sizes_of(traces: Traces, dictionary: Dictionary) -> tuple[float, ...]:
+    """Duration and size of the measured channels, see `is_same_flight`."""
+    sizes, begin, end = list[float](), inf, -inf
+    for key in dictionary.measured:
+        trace = traces.channels.get(key)
+        known = np.flatnonzero(np.isfinite(trace.values)) if trace else np.empty(0, int)
+        if trace is None or not len(known):
+            sizes += [nan, nan]
+            continue
+        begin, end = min(begin, float(trace.t[known[0]])), max(end, float(trace.t[known[-1]]))
+        values = trace.values[known]
+        sizes += [float(values.std()), float(np.ptp(values))]
+    return (end - begin, *sizes)
 
 
 def in_units(repaired: RepairedTraces, dictionary: Dictionary) -> RepairedTraces:

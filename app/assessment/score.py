@@ -22,7 +22,7 @@ from app.assessment.outcome import (
     outcome,
 )
 from app.assessment.planned_test import input_of
-from app.assessment.recorded import RecordedFlight
+from app.assessment.recorded import RecordedFlight, sizes_of
 from app.assessment.scored import (
     BETWEEN,
     BLOCK,
@@ -63,7 +63,8 @@ def score(
 
     recorded: in SI units.   history: limits that were in force; None for the monitor's own. They
     decide what an exceedance is; where they differ from the monitor's, it is not applicable.
-    digest: SHA-256 of its file, by which a flight that trained the monitor is known.
+    digest: SHA-256 of its file, by which a flight that trained the monitor is known, beside its
+    samples.
     TelemetryError where the recording lacks what the monitor needs or the recipe does not fit it;
     ValueError for an epsilon that the monitor is too small for.
     """
@@ -83,7 +84,9 @@ def score_at_each(
     checked = [monitor.check_epsilon(epsilon) for epsilon in epsilons]
     levels = [(epsilon, monitor.alert_above(epsilon)) for epsilon in checked]
     flight = RecordedFlight.of(monitor, recorded, history)
-    flight = replace(flight, use=use_of(monitor.evaluation, digest))
+    if "flown" in (monitor.evaluation or {}):
+        sizes = sizes_of(flight.traces, monitor.dictionary)
+        flight = replace(flight, use=use_of(monitor.evaluation, digest, sizes))
     usual = recipe.to_plain() | {"epsilon": None} == USUAL
     if recorded.flown is not None and recorded.flown.is_trimmed and usual:
         recipe = replace(recipe, trim=None, manoeuvres="entire")  # as in the flight

@@ -444,6 +444,7 @@ def _used(parts: dict[str, LabelledFlights]) -> list[dict[str, Any]]:
                 continue
             counts = {"part": part, "manoeuvres": 0, "failures": 0}
             flight = {"flight": each.flight, "recording": each.recording, "digest": each.digest}
+            flight |= {"sizes": list(each.sizes)}
             row = used.setdefault(each.digest, flight | counts)
             row["manoeuvres"] += 1
             row["failures"] += fails
@@ -455,8 +456,9 @@ def _calibrated_on(dataset: Dataset, monitor: Monitor) -> dict[str, int]:
     numbers = np.arange(len(dataset.unsafe))
     if monitor.recipe.predictor.forecast == "ensemble":
         numbers = halves_of(dataset)[1]
-    of = dataset.flights().flown
-    flown = [each.digest for k in numbers.tolist() if (each := of[k])] if of else []
+    flights = dataset.flights()
+    of, setting = flights.flown, flights.settings()
+    flown = [setting[k] for k in numbers.tolist() if of and of[k]]
     return {"simulated": len(numbers) - len(flown), "flown": len(flown), "flights": len(set(flown))}
 
 

@@ -1,6 +1,6 @@
 """The certificate of a monitor: its miss rate and usefulness on its own test flights."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,6 +9,7 @@ import numpy as np
 from core.counted import counted
 from core.evaluation import IN_WORDS, THRESHOLD
 from core.evaluation.rates import clopper_pearson
+from core.rollouts import is_same_flight
 
 TWICE = 2.0
 """A monitor is unreliable on flights of which it surely misses more than epsilon, and measured more
@@ -181,14 +182,17 @@ def calibrated_on(evaluation: Mapping[str, Any] | None) -> str:
     )
 
 
-def use_of(evaluation: Mapping[str, Any] | None, digest: str) -> str:
+def use_of(evaluation: Mapping[str, Any] | None, digest: str, sizes: Sequence[float] = ()) -> str:
     """What a flown flight was used for in training; empty if it was not.
 
-    digest: SHA-256 of its file.
+    digest: SHA-256 of its file.   sizes: of its samples, see `is_same_flight`.
     """
     for row in (evaluation or {}).get("flown", ()):
+        use = f"this flight is among those that {USES[row['part']]} the monitor"
         if row["digest"] == digest:
-            return f"this flight is among those that {USES[row['part']]} the monitor"
+            return use
+        if is_same_flight(row.get("sizes", ()), sizes):
+            return f"{use}, by its samples, which are those of {row['flight']}"
     return ""
 
 

@@ -155,12 +155,21 @@ def _calibrated(
     unsafe_points = map_samples(affine, unsafe, at, n_delay)
     safe_points = map_samples(affine, dataset.safe, safe_where, n_delay)
 
-    fitted = assemble(recipe, affine, unsafe_points, safe_points, np.empty(0))
+    no_others = safe_points, np.empty(0)
+    fitted = assemble(recipe, affine, unsafe_points, *no_others)
+    flights = _several(dataset, numbers)
+    without_flights = [
+        (rows, assemble(recipe, affine, unsafe_points[~np.isin(timely, rows)], *no_others))
+        for rows in flights
+    ]
     own_point = np.full(len(last), -1)
     own_point[timely] = np.arange(len(timely))
     of_forecasts = [each.lowest_scores(unsafe, first, last) for each in forecasts]
     if forecast is None or recipe.predictor.forecast == "ensemble":
         alphas = lowest_scores(fitted, unsafe, n_delay, first, last, own_point, np.empty(0))
+        for rows, apart in without_flights:
+            about = n_delay, first[rows], last[rows], np.full(len(rows), -1), np.empty(0)
+            alphas[rows] = lowest_scores(apart, unsafe[rows], *about)
     else:
         alphas = of_forecasts[0]
     if recipe.predictor.forecast == "ensemble":
@@ -177,7 +186,8 @@ def _calibrated(
     exact = SIMPLE
     if recipe.is_exact:
         running = recipe.calibration == "trajectory"
-        exact = _transduction(fitted, affine, unsafe, n_delay, timely, first, last, alphas, running)
+        about = affine, unsafe, n_delay, timely, first, last, alphas, running
+        exact = _transduction(fitted, without_flights, *about)
     return Monitor(
         recipe=recipe,
         dt=dataset.dt,
@@ -210,13 +220,29 @@ def halves_of(dataset: Dataset) -> tuple[Indices, Indices]:
 
     Failures of one flown flight are in one half.
     """
-    n = len(dataset.unsafe)
     if FLOWN not in dataset.recipe:
-        return halves(n)
-    setting = dataset.flights().settings()[:n]
-    flight = np.unique(setting, return_inverse=True)[1].reshape(-1)
+        return halves(len(dataset.unsafe))
+    flight = _flight_of_failures(dataset)
     training = np.isin(flight, halves(flight.max() + 1)[0])
     return np.flatnonzero(training), np.flatnonzero(~training)
+
+
+def _flight_of_failures(dataset: Dataset) -> Indices:
+    """(n_unsafe,) number of the flight of each failure, from 0."""
+    setting = dataset.flights().settings()[: len(dataset.unsafe)]
+    return np.unique(setting, return_inverse=True)[1].reshape(-1)
+
+
+def _several(dataset: Dataset, numbers: Indices) -> list[Indices]:
+    """Rows of the failures of each flown flight that has several among those numbered.
+
+    Calibration leaves them out together: the failures of one flight are alike.
+    """
+    if FLOWN not in dataset.recipe:
+        return []
+    flight = _flight_of_failures(dataset)[numbers]
+    several = np.flatnonzero(np.bincount(flight) > 1)
+    return [np.flatnonzero(flight == each) for each in several]
 
 
 def _apart(dataset: Dataset, failures: Flights | None) -> tuple[Indices, tuple[Array, Indices]]:
@@ -293,6 +319,7 @@ def _scores_near(
 
 def _transduction(
     fitted: Fitted,
+    without_flights: Sequence[tuple[Indices, Fitted]],
     affine: Affine,
     y: Array,
     n_delay: int,
@@ -309,6 +336,9 @@ def _transduction(
     sample = first[timely][point] + np.arange(len(point)) - start[point]
     points = map_samples(affine, y, np.column_stack([timely[point], sample]), n_delay)
     unsafe, safe = weighted_distances(fitted, points, point)
+    for rows, apart in without_flights:
+        of = np.isin(timely[point], rows)
+        unsafe[of], _ = weighted_distances(apart, points[of], np.full(of.sum(), -1))
     always = len(y) - len(timely)
     return Transduction(points, unsafe, safe, start, alphas[timely], always, running).indexed()
 

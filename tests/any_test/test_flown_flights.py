@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from app.cli import main
 from app.recordings.flown_flights import RolloutSources, recorded_files
 from core.collection import collect
 from core.dataset import Dataset
-from core.monitor import load
+from core.monitor import MonitorRecipe, load, train
 from core.monitor.training import halves_of
 from core.planned_test.collection import DatasetRecipe
 from core.rollouts import UNLABELLED, FlownManoeuvre, LabelledFlights, RolloutsError
@@ -67,6 +68,42 @@ def test_an_ensemble_trains_and_calibrates_on_whole_flights() -> None:
     assert flights[0]
     assert flights[1]
     assert not flights[0] & flights[1]
+
+
+def test_calibration_leaves_out_all_failures_of_a_flight() -> None:
+    """A second, almost equal failure of each flight tells nothing new."""
+    y = doublets(120, 4)
+    of = [manoeuvre(f"flight {k}") for k in range(len(y))]
+    failing = [k for k, each in enumerate(y) if fails(each)]
+    again = [manoeuvre(of[k].flight, 2) for k in failing]
+    about = {"dt": DT, "channels": DICTIONARY, "limits": LIMITS}
+    once = LabelledFlights.of(y, flown=of, **about)
+    twice = LabelledFlights.of(np.concatenate([y, y[failing] + 1e-9]), flown=[*of, *again], **about)
+    for recipe in (MonitorRecipe(epsilon=0.2), MonitorRecipe(epsilon=0.2, p_value="exact")):
+        single, double = (train(Dataset.from_flights(each), recipe) for each in (once, twice))
+        assert double.n_unsafe == 2 * single.n_unsafe
+        np.testing.assert_allclose(double.alphas, np.repeat(single.alphas, 2), rtol=1e-4)
+
+
+def test_one_flight_alone_promises_nothing() -> None:
+    y = doublets(60, 4)
+    of = [manoeuvre("one" if fails(each) else f"safe {k}", k) for k, each in enumerate(y)]
+    about = {"dt": DT, "channels": DICTIONARY, "limits": LIMITS}
+    monitor = train(Dataset.from_flights(LabelledFlights.of(y, flown=of, **about)))
+    assert np.isposinf(monitor.alphas).all()
+
+
+def test_copies_of_a_recording_are_one_flight() -> None:
+    sizes = (20.0, 0.3, 1.0, 0.2, 2.0)
+    copies = [
+        FlownManoeuvre("a", "a", "manoeuvre 1", 0.0, 4.0, sizes=each)
+        for each in (sizes, (20.0, 0.300001, 1.0, 0.2, 2.0), (20.0, 0.3, 1.0, 0.3, 2.0), ())
+    ]
+    flown = tuple(replace(each, digest=str(k)) for k, each in enumerate(copies))
+    whole = mixed().some(np.arange(len(flown)))
+    first, same, other, unknown = replace(whole, flown=flown).settings()
+    assert first == same
+    assert len({first, other, unknown}) == 3
 
 
 def test_a_dataset_names_its_flown_rollouts() -> None:
@@ -312,6 +349,17 @@ def test_a_calibration_says_how_many_of_each_it_holds(
     assert mixture["recipe"]["flown"]
 
 
+def copied(client: TestClient, recording: str) -> bytes:
+    """The same flight by another clock, rounded, with sideslip in degrees and other separators."""
+    file = client.app.state.recordings.files.file(recording)  # pyright: ignore
+    head, *lines = file.read_text().splitlines()
+    rows = np.array([[float(value) for value in line.split(",")] for line in lines])
+    rows[:, 0] += 50.0
+    rows[:, 1] = np.rad2deg(rows[:, 1])
+    text = "\n".join(";".join(f"{value:.7g}" for value in row) for row in rows)
+    return f"{head.replace(',', ';').replace('alpha_rad', 'alpha_deg')}\n{text}\n".encode()
+
+
 def test_a_flight_that_trained_the_monitor_is_no_evidence_when_scored(
     client: TestClient, monitor: dict[str, Any]
 ) -> None:
@@ -329,6 +377,13 @@ def test_a_flight_that_trained_the_monitor_is_no_evidence_when_scored(
         assert said in scoring["notes"][0]
         assert all(said in each["guarantee"] for each in scoring["manoeuvres"])
         assert said in client.get(f"{recording}/scorings/{scoring['id']}/report").text
+        copy = uploaded(client, copied(client, by_part[part]["recording"]), name="copy.csv")["id"]
+        path = f"{RECORDINGS}/{copy}"
+        body = {"mapping": client.get(path, params=query).json()["mapping"]}
+        assert client.put(f"{path}/mapping", json=body, params=query).status_code == 200
+        scoring = client.post(f"{path}/scorings", json=query).json()
+        assert f"{said}, by its samples" in scoring["notes"][0]
+        assert all(said in each["guarantee"] for each in scoring["manoeuvres"])
     fresh = uploaded(client, flown(*doublets(2, 90)), name="fresh.csv")["id"]
     recording = f"{RECORDINGS}/{fresh}"
     body = {"mapping": client.get(recording, params=query).json()["mapping"]}
