@@ -122,7 +122,8 @@ class Campaign:
         """Upper bound on the probability that any point cleared by computation exceeds a limit.
 
         Over the aircraft of D_theta, flown as simulated: the sum over points of the largest share
-        of aircraft that exceed there, times epsilon, the share of these that is cleared.
+        of aircraft that exceed there, times epsilon, the share of these that is cleared; with a
+        monitor, that is cleared and gives no alert in time.
         """
         return sum(
             share * (1.0 if clearing.p_value is None else clearing.recipe.epsilon)
@@ -131,6 +132,11 @@ class Campaign:
             and clearing.cleared
             and (share := clearing.exceeding_share_at_most) is not None
         )
+
+    @property
+    def is_monitored(self) -> bool:
+        """Whether a monitor is a part of any clearance: `exceeding_at_most` is without an alert."""
+        return any(point.clearing and point.clearing.monitor for point in self.points)
 
     @property
     def following(self) -> Point | None:

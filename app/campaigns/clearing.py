@@ -7,9 +7,9 @@ from typing import Any
 from app.campaigns.campaign import Campaign
 from app.campaigns.point import CampaignError, Clearing, Point, percent_at_most, samples_of
 from core.clearance.clearance import calibrate
-from core.clearance.identification import FlownSegment, Identification, identify
+from core.clearance.identification import FlownSegment, Identification, identify_test
+from core.clearance.with_monitor import CLEARED, with_monitor
 from core.planned_test.planned_test import DatasetRecipe
-from core.simulation.imperfections import channel_array
 
 Progress = Callable[[int, int], object]
 
@@ -20,18 +20,27 @@ CHECKLIST = (
     "Mach, dynamic pressure, mass and configuration are as at the flown steps",
 )
 """Conditions that no fit can check."""
+MONITORED = "the point's monitor is in force at ε = {epsilon:.2g}, and its alert aborts the flight"
 ONE_STEP = "one step cannot reveal a nonlinear aircraft: fly a second one to exclude it"
 
 
 def checklist(campaign: Campaign, point: Point) -> tuple[str, ...]:
     """What a person confirms before a point is flown; empty for a first point."""
     n_flown = len(campaign.flown(point.condition))
-    return (*(CHECKLIST if n_flown else ()), *((ONE_STEP,) if n_flown == 1 else ()))
+    monitor = point.clearing and point.clearing.monitor
+    return (
+        *(CHECKLIST if n_flown else ()),
+        *((ONE_STEP,) if n_flown == 1 else ()),
+        *((MONITORED.format(epsilon=monitor.epsilon),) if monitor else ()),
+    )
 
 
-def clear_next(campaign: Campaign, by: str, progress: Progress | None = None) -> Campaign:
+def clear_next(
+    campaign: Campaign, by: str, progress: Progress | None = None, *, monitored: bool = False
+) -> Campaign:
     """Compute the clearance of the next point: on condition, or hold.
 
+    monitored: its monitor, which is trained afterwards, is a part of the clearance.
     A first point has no flown step to compute from: a person decides.
     CampaignError without a next point; ClearanceError where calibration is impossible.
     """
@@ -39,7 +48,10 @@ def clear_next(campaign: Campaign, by: str, progress: Progress | None = None) ->
     check_computable(campaign)
     flown = campaign.flown(point.condition)
     rule = calibrate(campaign.build_up(point), campaign.clearance, progress)
-    verdict = rule.decide([samples_of(step.flown) for step in flown if step.flown])
+    epsilon = with_monitor(rule, progress).epsilon if monitored else None
+    clear_below = rule.clear_below if epsilon is None else CLEARED
+    records = [samples_of(step.flown) for step in flown if step.flown]
+    verdict = rule.decide(records, clear_below)
     withdrawn = tuple(
         f"{check.words} ({check.value:.3g}, expected at most {check.level:.3g})"
         for check in verdict.withdrawn
@@ -49,7 +61,7 @@ def clear_next(campaign: Campaign, by: str, progress: Progress | None = None) ->
     clearing = Clearing(
         verdict.cleared and not withdrawn,
         verdict.p_value,
-        None if rule.is_rare else rule.clear_below,
+        None if rule.is_rare else clear_below,
         verdict.reached,
         None if withdrawn else verdict.amplitude_deg,
         withdrawn,
@@ -59,6 +71,7 @@ def clear_next(campaign: Campaign, by: str, progress: Progress | None = None) ->
         tuple(step.name for step in flown),
         rule.exceeding_share,
         verdict.p_error,
+        epsilon,
     )
     state = "on condition" if clearing.cleared else "hold"
     return campaign.changed(number, state, by, clearing_in_words(clearing), clearing=clearing)
@@ -97,6 +110,8 @@ def _p_value_in_words(clearing: Clearing) -> str:
     """`p-value 0.06 ± 0.01, cleared up to 0.05, close: other random draws may decide otherwise`."""
     error = "" if clearing.p_error is None else f" ± {clearing.p_error:.1g}"
     close = ", close: other random draws may decide otherwise" if clearing.is_close else ""
+    if (epsilon := clearing.monitor_epsilon) is not None:
+        close += f", with its monitor at ε = {epsilon:.2g}"
     return f"p-value {clearing.p_value:.3g}{error}, cleared up to {clearing.clear_below:.3g}{close}"
 
 
@@ -104,16 +119,13 @@ def identified(campaign: Campaign, condition: str, first: int | None = None) -> 
     """The aircraft at a flight condition, identified from its complete points.
 
     first: number of points to use; None for all.   CampaignError without a complete point.
-    If the test has imperfections besides noise, the residuals give the uncertainty of the
-    derivatives, since they contain them.
     """
     flown = campaign.flown(condition)[:first]
     if not flown:
         raise CampaignError("no point is complete: fly one before identifying the aircraft")
     test = campaign.condition_of(flown[0]).test
     segments = [FlownSegment(samples_of(p.flown), test.dt, p.name) for p in flown if p.flown]
-    noise = channel_array(test.noise) if test.imperfections.are_none else None
-    return identify(test.aircraft, test.control_law, segments, noise)
+    return identify_test(test, segments)
 
 
 def updated(campaign: Campaign, point: Point) -> DatasetRecipe:

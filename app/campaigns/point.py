@@ -4,7 +4,7 @@ The states are those used on the radio. A point that a computation clears is "on
 person confirms the checklist.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from math import ceil
 from typing import Literal
@@ -14,7 +14,9 @@ import numpy as np
 from core.bounds import quoted
 from core.channels import N_CHANNELS
 from core.clearance.clearance import ClearanceRecipe
+from core.clearance.with_monitor import MONITOR
 from core.evaluation.rates import clopper_pearson
+from core.monitor.recipe import MonitorRecipe
 from core.planned_test.planned_test import DatasetRecipe
 from core.types import Array
 
@@ -78,7 +80,8 @@ class Clearing:
     exceed a limit and calibrate it; p_value is None where they are too rare.   n_tried,
     exceeding_share: number of simulated aircraft, and the share of them that exceed.
     amplitude_deg: largest recommended amplitude, under its own guarantee.   p_error: standard error
-    of p_value over other random draws; None also for clearances of version 0.1.
+    of p_value over other random draws; None also for clearances of version 0.1.   monitor_epsilon:
+    epsilon of the point's monitor, which is then a part of the clearance; None without one.
     """
 
     cleared: bool
@@ -93,12 +96,19 @@ class Clearing:
     steps: tuple[str, ...]
     exceeding_share: float | None = None
     p_error: float | None = None
+    monitor_epsilon: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ("p_value", "clear_below", "exceeding_share", "p_error"):
+        for name in ("p_value", "clear_below", "exceeding_share", "p_error", "monitor_epsilon"):
             value = getattr(self, name)
             if value is not None and not 0.0 <= value <= 1.0:
                 raise CampaignError(f"{name} is {value:g}: give a number from 0 to 1")
+
+    @property
+    def monitor(self) -> MonitorRecipe | None:
+        """Recipe of the monitor that is a part of the clearance; None without one."""
+        epsilon = self.monitor_epsilon
+        return None if epsilon is None else replace(MONITOR, epsilon=epsilon)
 
     @property
     def is_close(self) -> bool:

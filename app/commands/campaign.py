@@ -43,6 +43,11 @@ def add(parser: argparse.ArgumentParser) -> None:
         option(action, "--start START", "start of the manoeuvre with its trim [s]", type=float)
         option(action, "--end END", "end of the manoeuvre [s]", type=float)
         option(action, "--mapping FILE", "mapping, as `score` writes it", type=Path)
+    clear.add_argument(
+        "--with-monitor",
+        action="store_true",
+        help="the point's monitor, trained afterwards, is a part of the clearance",
+    )
     everything["report"].add_argument(
         "-o",
         "--out",
@@ -129,7 +134,7 @@ def _show(options: argparse.Namespace) -> int:
 def _clear(options: argparse.Namespace) -> int:
     before = load(options.file)
     with progress_bar("aircraft identified") as progress:
-        campaign = clear_next(before, options.by, progress)
+        campaign = clear_next(before, options.by, progress, monitored=options.with_monitor)
     point = campaign.next.point
     text = [f"{point.name}: {point.state}: {point.events[-1].words}"]
     if point.state == "on condition":
@@ -234,6 +239,8 @@ def _recipe(options: argparse.Namespace) -> int:
     check_file(options.out)
     point = campaign.next.point
     plain = {"dataset": to_plain(updated(campaign, point))}
+    if point.clearing and (monitor := point.clearing.monitor):
+        plain["monitor"] = to_plain(monitor)
     write_whole(options.out, json_codec.encode(plain))
     steps = ", ".join(step.name for step in campaign.flown(point.condition))
     text = (
@@ -304,7 +311,8 @@ def lines(campaign: Campaign) -> list[str]:
     ]
     if any(point.clearing for point in campaign.points):
         rows.append(
-            "probability that any point cleared by computation exceeds a limit: at most "
+            "probability that any point cleared by computation exceeds a limit"
+            f"{' without an alert in time' if campaign.is_monitored else ''}: at most "
             + percent_at_most(campaign.exceeding_at_most)
         )
     if not campaign.is_over:

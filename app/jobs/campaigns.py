@@ -80,7 +80,9 @@ class CampaignRequest(BaseModel):
         return Campaign(self.name, tuple(each[0] for each in planned), tuple(points), recipe)
 
 
-def clear(task: Task, campaigns: Campaigns, campaign_id: str, point: str, by: str) -> Result:
+def clear(
+    task: Task, campaigns: Campaigns, campaign_id: str, point: str, by: str, monitored: bool
+) -> Result:
     """Compute and store whether the next point may be flown; the result has its state."""
     stored, campaign = campaigns.get(campaign_id)
     check_next(campaign, point)
@@ -88,7 +90,7 @@ def clear(task: Task, campaigns: Campaigns, campaign_id: str, point: str, by: st
     def identified(done: int, total: int) -> None:
         task.progress(f"{done} of {total} aircraft identified", done, total)
 
-    cleared = clear_next(campaign, by, identified)
+    cleared = clear_next(campaign, by, identified, monitored=monitored)
     task.progress("storing", task.done, task.total)
     campaigns.put(stored, cleared)
     return {"campaign": campaign_id, "point": point, "state": cleared.next.point.state}
@@ -99,13 +101,22 @@ def next_monitor_request(
 ) -> MonitorRequest:
     """A monitor for the next point, for the aircraft identified from the complete points.
 
-    It is calibrated for aircraft near the identified one only if the request asks for it.
+    It is calibrated for aircraft near the identified one only if the request asks for it. Where a
+    monitor is a part of the clearance it is that one.
     plain: the monitor's request without its dataset.   CampaignError, RecipeError.
     """
     check_next(campaign, point)
     following = campaign.next.point
     planned = campaign.test_of(following) if campaign.is_first else updated(campaign, following)
     request = {"name": f"{campaign.name}, {following.name}"} | plain
+    if following.clearing and (monitor := following.clearing.monitor):
+        determined = to_plain(monitor)
+        if given := sorted(determined.keys() & plain.keys()):
+            raise CampaignError(
+                f"{', '.join(given)} was given: the clearance of {point!r} determines the recipe "
+                "of its monitor, omit it, or compute the clearance without a monitor"
+            )
+        request |= determined
     read = monitor_request(request | {"dataset": to_plain(planned)}, store, max_bytes)
     if campaign.is_first or "scope" in request.get("predictor", {}):
         return read

@@ -63,6 +63,16 @@ class Decision(BaseModel):
     why: str = Field(default="", max_length=2000, description="reason")
 
 
+class ClearanceDecision(Decision):
+    """A clearance to compute."""
+
+    with_monitor: bool = Field(
+        default=False,
+        description="whether the point's monitor, trained afterwards, is a part of the clearance: "
+        "at most epsilon of the points that would exceed are flown without an alert in time",
+    )
+
+
 class _Recorded(Decision):
     """A decision on the next point, with its interval of a recording."""
 
@@ -327,19 +337,20 @@ def _decided(
 @router.post("/{campaign_id}/clearance", **queued(409))
 async def clear_point(
     campaign_id: str,
-    decision: Decision,
+    decision: ClearanceDecision,
     campaigns: CampaignsDep,
     jobs: JobsDep,
     person: PersonDep,
 ):
     """Compute the clearance of the next point from the points flown so far; starts a job.
 
-    The point is then on hold, or on condition until a person confirms the checklist.
+    The point is then on hold, or on condition until a person confirms the checklist. With its
+    monitor, `monitor_epsilon` of the clearing is the epsilon at which `POST .../monitor` trains it.
     """
     by = signature(person, decision.by)
     await asyncio.to_thread(_check_clearing, campaigns, campaign_id, decision.point)
     request = {"campaign": campaign_id, "point": decision.point, "by": by}
-    about = campaigns, campaign_id, decision.point, by
+    about = campaigns, campaign_id, decision.point, by, decision.with_monitor
     return await accepted(jobs, "clearance", request, clear, *about)
 
 

@@ -309,9 +309,10 @@ class Clearance:
         recipe = self.recipe
         return alert_above(recipe.epsilon, self.n_exceeding, recipe.guarantee)
 
-    def decide(self, records: Sequence[Array]) -> PointVerdict:
+    def decide(self, records: Sequence[Array], clear_below: float | None = None) -> PointVerdict:
         """Decide on the next point.   records: (n_samples, 6) of each flown step, from trim.
 
+        clear_below: largest p-value of a cleared point; None for that of the recipe's promise.
         ClearanceError for records that do not fit the flown steps.
         """
         predictor = PointPredictor(self.points, self.recipe)
@@ -345,7 +346,8 @@ class Clearance:
         if not self.is_rare:
             p_value = float(self.p_values(prediction.score)[0])
             p_error = float(self.p_errors(prediction.score)[0])
-        is_safe = high < 1.0 if p_value is None else p_value <= self.clear_below
+        highest = self.clear_below if clear_below is None else clear_below
+        is_safe = high < 1.0 if p_value is None else p_value <= highest
         spare = self.amplitude_spare
         factor = None if spare is None else exp(spare - float(prediction.mean[0]))
         return PointVerdict(

@@ -23,8 +23,10 @@ from core.clearance.posterior import (
     prior_of,
     settle,
 )
+from core.planned_test.planned_test import DatasetRecipe
 from core.simulation.aircraft import Aircraft, IdentifiedAircraft
 from core.simulation.control_law import ControlLaw
+from core.simulation.imperfections import channel_array
 from core.simulation.uncertain_plant import UncertainPlant
 from core.types import Array, Flags
 
@@ -151,6 +153,16 @@ class OutputPrediction(NamedTuple):
     sigma: Array
     r2: Array
     covered: Array
+
+
+def identify_test(test: DatasetRecipe, segments: Sequence[FlownSegment]) -> Identification:
+    """Identify the aircraft of a planned test from its flown points.
+
+    If the test has imperfections besides noise, the residuals give the uncertainty of the
+    derivatives, since they contain them.
+    """
+    noise = channel_array(test.noise) if test.imperfections.are_none else None
+    return identify(test.aircraft, test.control_law, segments, noise)
 
 
 def identify(

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
+from app.campaigns import clearing
 from app.campaigns.point import Clearing, FlownPoint
 from app.campaigns.stored import Campaigns
 from core.channels import KEYS
 from core.clearance.clearance import ClearanceRecipe
+from core.clearance.with_monitor import WithMonitor
 from core.planned_test.planned_test import LateralSimulator
 from tests.browser.fly.test_fly_page import Fly, site, stored
 from tests.browser.site import Site
@@ -38,6 +40,22 @@ class Campaign(Fly):
         plan = {"name": "Rudder", "conditions": [{"dataset": TEST, "steps": steps}]}
         self.id = self.ask("POST", "/campaigns", plan | {"clearance": QUICK})["id"]
         self.open()
+
+    def hold(self) -> None:
+        """After a step of 50 %, the full amplitude is on hold: 90 % may be reached."""
+        self.plan([0.5, 1.0])
+        campaigns = Campaigns(self.site.store)
+        stored, planned = campaigns.get(self.id)
+        amplitude = 0.9 * planned.points[1].peak_deg
+        computed = Clearing(
+            False, 0.2, 0.1, (0.7, 0.9, 1.1), amplitude, (), 210, 1_000, ClearanceRecipe(), ("50%",)
+        )
+        test = planned.conditions[0].test
+        samples = self.samples()[-test.maneuver.n_samples(test.dt) :]
+        flown = FlownPoint("flight.csv", tuple(map(tuple, samples.tolist())), 0.5)
+        held = planned.changed(0, "complete", "Bob", flown=flown)
+        campaigns.put(stored, held.changed(1, "hold", "Ann", clearing=computed))
+        self.state("hold")
 
     def open(self) -> None:
         self.page.goto(f"{self.site.http}/#/campaigns/{self.id}")
@@ -212,23 +230,28 @@ def test_a_point_aborted_in_flight_links_to_its_recording(
 
 def test_a_smaller_step_is_flown_before_a_refused_point(campaign: Campaign) -> None:
     page = campaign.page
-    campaign.plan([0.5, 1.0])
-    campaigns = Campaigns(campaign.site.store)
-    stored, planned = campaigns.get(campaign.id)
-    amplitude = 0.9 * planned.points[1].peak_deg
-    clearing = Clearing(
-        False, 0.2, 0.1, (0.7, 0.9, 1.1), amplitude, (), 210, 1_000, ClearanceRecipe(), ("50%",)
-    )
-    flown = FlownPoint("flight.csv", tuple(map(tuple, campaign.samples().tolist())), 0.5)
-    held = planned.changed(0, "complete", "Bob", flown=flown)
-    campaigns.put(stored, held.changed(1, "hold", "Ann", clearing=clearing))
-    campaign.state("hold")
+    campaign.hold()
     expect(campaign.next).to_contain_text("Proposed: fly 90%")
     page.get_by_label("your name").fill("Ann")
     campaign.press("Fly 90% first")
     expect(campaign.next.get_by_role("heading", level=2)).to_contain_text("Next: 90%")
     expect(campaign.row("90%")).to_contain_text("planned: Ann")
     expect(page.get_by_role("button", name="Compute clearance", exact=True)).to_be_visible()
+
+
+def test_a_point_on_hold_is_computed_with_its_monitor(
+    campaign: Campaign, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    risks = np.full(120, 0.3)
+    monkeypatch.setattr(clearing, "with_monitor", lambda rule, _: WithMonitor(rule.recipe, risks))
+    campaign.hold()
+    campaign.page.get_by_label("your name").fill("Ann")
+    campaign.press("Compute with its monitor")
+    expect(campaign.next).to_contain_text("With its monitor at ε", timeout=LONG)
+    expect(campaign.next).to_contain_text("flown without an alert in time")
+    expect(campaign.next).to_contain_text("Cleared up to0.5")
+    expect(campaign.page.get_by_text("exceedance without an alert in time")).to_be_visible()
+    expect(campaign.page.get_by_role("button", name="Compute with its monitor")).to_have_count(0)
 
 
 def test_the_list_follows_what_is_decided(campaign: Campaign) -> None:

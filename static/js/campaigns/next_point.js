@@ -34,10 +34,11 @@ export function nextPoint({ api, path, campaign, running, again }) {
   const whyField = labelled("reason", why);
   const boxes = campaign.checklist.map(() => checkbox({ onchange: follow }));
   const flown = flownForm(api, act);
-  const pressing = (does) => (word, route, look) => button(word, () => does(route), { ...look, ...needs(`POST /campaigns/{}/${route}`) });
+  const pressing = (does) => (word, route, look, more) => button(word, () => does(route, more), { ...look, ...needs(`POST /campaigns/{}/${route}`) });
   const [decide, start] = [pressing(act), pressing(work)];
   const confirm = decide(isFirst ? "Clear" : "Confirm as cleared", "confirm", PRIMARY);
   const compute = start(clearing ? "Compute clearance again" : "Compute clearance", "clearance", clearing ? {} : PRIMARY);
+  const together = canBeMonitored(point) && start("Compute with its monitor", "clearance", {}, { with_monitor: true });
   const train = start(monitor ? "Train its monitor again" : "Train a monitor", "monitor");
   const stage = h("div.stack");
   const uncomputed = isFirst
@@ -57,6 +58,7 @@ export function nextPoint({ api, path, campaign, running, again }) {
       "div.row",
       state !== "cleared" && (isFirst || state === "on condition") && confirm,
       !isFirst && compute,
+      together,
       step && decide(`Fly ${step.name} first`, "smaller-step", PRIMARY),
       train,
       state === "cleared" && link("Fly live", `#/fly?kind=live${monitor ? `&monitor=${monitor}` : ""}`),
@@ -93,8 +95,8 @@ export function nextPoint({ api, path, campaign, running, again }) {
     if (await post(action, { why: why.value.trim(), ...more })) again();
   }
 
-  async function work(kind) {
-    const job = await post(kind);
+  async function work(kind, more) {
+    const job = await post(kind, more);
     if (job) show(job);
   }
 
@@ -121,16 +123,21 @@ export function nextPoint({ api, path, campaign, running, again }) {
     const title = `${JOBS[job.kind]} ${job.request.point}`;
     progress = createJobProgress({ api, job, title, done: again, back });
     stage.replaceChildren(progress.element);
-    for (const control of [compute, train, confirm]) control.disabled = true;
+    for (const control of [compute, together, train, confirm].filter(Boolean)) control.disabled = true;
   }
 
   function back() {
     progress.close();
     progress = null;
     stage.replaceChildren();
-    for (const control of [compute, train]) control.disabled = false;
+    for (const control of [compute, together, train].filter(Boolean)) control.disabled = false;
     follow();
   }
+}
+
+/** Whether the point is on hold by its p-value alone, so that its monitor may help. */
+function canBeMonitored({ state, clearing }) {
+  return state === "hold" && clearing && clearing.p_value !== null && !clearing.monitor_epsilon && !clearing.withdrawn.length;
 }
 
 function failedBefore({ points }, { name, condition }) {
@@ -150,12 +157,13 @@ function last({ events }) {
 }
 
 function computed(clearing, { peak_deg: peak }) {
-  const { p_value: p, p_error: error, close, clear_below: below, amplitude_deg: amplitude, recipe, withdrawn, steps } = clearing;
+  const { p_value: p, p_error: error, close, clear_below: below, amplitude_deg: amplitude, monitor_epsilon: epsilon, recipe, withdrawn, steps } = clearing;
   const risk = error === null ? figure(p) : `${figure(p)} ± ${figure(error, 1)}`;
   const facts = [
     ["Predicted share of a limit", predictedWords(clearing)],
     ["p-value (high means risk)", p === null || withdrawn.length ? "–" : risk],
     ["Cleared up to", below === null ? "–" : figure(below)],
+    ...(epsilon ? [["With its monitor at ε", figure(epsilon, 2)]] : []),
     ["Computed from", steps.join(", ")],
   ];
   return h(

@@ -37,6 +37,7 @@ export function showCampaign(element, { id, api, navigate }) {
     const next = keep(nextPoint({ api, path, campaign, running, again }));
     const { points, conditions, exceeding_at_most: most } = campaign;
     const isComputed = points.some(({ clearing }) => clearing);
+    const unwarned = points.some(({ clearing }) => clearing?.monitor_epsilon) ? " without an alert in time" : "";
     const page = pageOf(
       campaign.name,
       [
@@ -58,7 +59,7 @@ export function showCampaign(element, { id, api, navigate }) {
       conditions.map(buildUp),
       table({ columns: POINTS, items: points, row: ({ name }) => ({ "data-point": name }) }),
       isComputed &&
-        h("p", `Probability that any computed clearance leads to an exceedance: at most ${percentAtMost(most)}, over the simulated aircraft and flights.`),
+        h("p", `Probability that any computed clearance leads to an exceedance${unwarned}: at most ${percentAtMost(most)}, over the simulated aircraft and flights.`),
       campaign.n_complete ? derivatives(api, path) : null,
     );
     keep(watching(page, () => newer(campaign, next, again)));

@@ -1,7 +1,7 @@
 /** Words and levels of the points of a campaign. */
 
 import { chip } from "../lib/dom.js";
-import { count, percent } from "../lib/numbers.js";
+import { count, figure, percent } from "../lib/numbers.js";
 
 const LEVELS = {
   planned: "off",
@@ -37,9 +37,10 @@ export function percentAtMost(share) {
   return percent(Math.ceil(1e4 * share - 1e-9) / 1e4, 2);
 }
 
-export function promiseWords({ recipe, n_exceeding: n, n_tried: tried, p_value: p, withdrawn, exceeding_at_most: most }) {
+export function promiseWords({ recipe, n_exceeding: n, n_tried: tried, p_value: p, withdrawn, exceeding_at_most: most, monitor_epsilon: epsilon }) {
   if (withdrawn.length) return "No promise: the prediction for this point does not hold.";
   if (p === null) return `${n} of ${count(tried)} simulated aircraft exceed a limit here${most === null ? "" : ` (at most ${percentAtMost(most)}, 95 % confidence)`}: too few to calibrate on. The prediction alone decides.`;
   const how = recipe.guarantee === "average" ? "on average over calibrations" : "with 95 % confidence";
-  return `At most ${percent(recipe.epsilon)} of the points that would exceed a limit are cleared, ${how}. Calibrated on ${n} simulated aircraft that exceed a limit.`;
+  const missed = epsilon ? `flown without an alert in time, with this point's monitor at ε = ${figure(epsilon, 2)}` : "cleared";
+  return `At most ${percent(recipe.epsilon)} of the points that would exceed a limit are ${missed}, ${how}. Calibrated on ${n} simulated aircraft that exceed a limit.`;
 }

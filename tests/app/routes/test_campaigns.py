@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from starlette.testclient import TestClient
 
+from app.campaigns import clearing as clearing_module
 from app.campaigns.point import Clearing
 from app.campaigns.stored import Campaigns
 from app.commands.sample_flight import table
 from app.store.campaigns import CampaignChanged
 from core.clearance.clearance import ClearanceRecipe
+from core.clearance.with_monitor import WithMonitor
 from core.planned_test.planned_test import LateralSimulator
 from tests.support.api import api, finished, problem, store_of
 
@@ -161,6 +163,39 @@ def test_the_next_points_monitor_is_trained_on_the_identified_aircraft(client: T
     certificate = client.get(f"/api/v1/monitors/{monitor}/certificate").text
     assert "60% (flight.csv, 5.10 to 11.00 s)" in certificate
     assert client.get(f"/api/v1/monitors/{monitor}").json()["name"] == "Rudder, 100%"
+
+
+def test_a_monitor_is_a_part_of_a_clearance(client, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The clearance gives the monitor's recipe, and the checklist asks for it."""
+    risks = np.full(120, 0.3)
+    monkeypatch.setattr(
+        clearing_module, "with_monitor", lambda rule, _: WithMonitor(rule.recipe, risks)
+    )
+    wider = TEST | {"limits": {"Ny": 0.305}, "n_unsafe": 60}
+    path = planned(client, conditions=[{"dataset": wider, "steps": [0.6, 1.0]}])
+    client.post(
+        f"{path}/flown", json={"point": "60%", "recording": recording(client, path), "by": "Bob"}
+    )
+    asked = {"point": "100%", "by": "Ann", "with_monitor": True}
+    job = finished(client, client.post(f"{path}/clearance", json=asked))
+    assert job["status"] == "done", job
+    campaign = client.get(path).json()
+    clearing = campaign["points"][1]["clearing"]
+    epsilon = clearing["monitor_epsilon"]
+    assert 0.28 < epsilon < 0.3
+    assert clearing["p_value"] <= clearing["clear_below"] == 0.5
+    assert (clearing["cleared"], campaign["state"]) == (True, "on condition")
+    assert f"ε = {epsilon:.2g}" in campaign["checklist"][-1]
+    assert f"ε = {epsilon:.2g}" in client.get(f"{path}/report").text
+    refused = client.post(f"{path}/monitor", json={"point": "100%", "epsilon": 0.1})
+    assert "epsilon was given" in problem(refused, 409)
+    asked = {"point": "100%", "n_test": 100}
+    job = finished(client, client.post(f"{path}/monitor", json=asked))
+    assert job["status"] == "done", job
+    recipe = client.get(f"/api/v1/monitors/{job['result']['monitor']}").json()["recipe"]
+    assert (recipe["predictor"]["kind"], recipe["epsilon"]) == ("input_filter", epsilon)
+    file = client.get(f"{path}/file").json()
+    assert file["points"][1]["clearing"]["monitor_epsilon"] == epsilon
 
 
 @pytest.mark.parametrize(
