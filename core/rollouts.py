@@ -13,7 +13,7 @@ from core.computed import complete
 from core.counted import counted
 from core.limits.limits import IntervalLimits, Limits, Specification, envelope_of
 from core.recipe import instead_of
-from core.types import Array, Flags, Indices
+from core.types import Array, Flags, Indices, real_numbers
 
 LABEL = "labels of the rollouts"
 """Specification of rollouts whose failures are known by their label alone."""
@@ -128,7 +128,10 @@ class LabelledFlights:
         flown: of each flight, None for a simulated one; empty if all are simulated.
         RolloutsError if the flights cannot train a monitor.
         """
-        y = np.asarray(y, np.float64, order="C")
+        try:
+            y = np.ascontiguousarray(real_numbers(y, "y"))
+        except ValueError as error:
+            raise RolloutsError(str(error)) from None
         dictionary = channels if isinstance(channels, Dictionary) else dictionary_of(channels)
         widths = (len(dictionary), len(dictionary.measured))
         if y.ndim != 3 or y.shape[2] not in widths or min(y.shape[:2]) < 2:
@@ -136,6 +139,8 @@ class LabelledFlights:
                 f"y has shape {y.shape}: give (flights, samples, {widths[1]}), two or more "
                 f"flights and samples, channels {', '.join(dictionary.measured)}"
             )
+        if not np.isfinite(y).any():
+            raise RolloutsError("y has no number that is finite: check what wrote the flights")
         if not dt > 0:
             raise RolloutsError(f"dt={dt} s was given: give a positive sample interval")
         y = _completed(y, dt, dictionary, [each is not None for each in flown])
@@ -259,10 +264,12 @@ def labels(
         over = envelope.exceeds(y)
         measured = np.where(over.any(axis=1), over.argmax(axis=1), n_samples)
     fail = np.full(n, UNLABELLED) if fail_index is None else np.array(fail_index, np.int64)
-    if fail.shape != (n,) or (fail < UNLABELLED).any() or (fail > n_samples).any():
+    if fail.shape != (n,):
+        raise RolloutsError(f"fail_index has shape {fail.shape}: give one for each of {n} flights")
+    if (fail < UNLABELLED).any() or (fail > n_samples).any():
         raise RolloutsError(
-            f"fail_index has shape {fail.shape}, values {fail.min()} to {fail.max()}: give one for "
-            f"each of {n} flights, the first failing sample or -1"
+            f"fail_index is {fail.min()} to {fail.max()}, and a flight has {n_samples} samples: "
+            "give the first failing sample or -1"
         )
     unlabelled = fail == UNLABELLED
     if measured is None and unlabelled.any():
@@ -274,7 +281,7 @@ def labels(
     if measured is None:
         return fail, []
     apart = np.flatnonzero((fail < n_samples) != (measured < n_samples))
-    earlier = np.flatnonzero(measured < fail)
+    earlier = np.flatnonzero((measured < fail) & (fail < n_samples))
     texts = []
     if len(apart):
         texts.append(

@@ -131,7 +131,11 @@ def _windows(flight: FlownFlight, beside: Beside, findings: list[str]) -> Iterat
     dictionary, dt = beside.planned.dictionary, beside.planned.dt
     repaired = in_units(flight.repaired, dictionary)
     recorded = [each.key for each in repaired.quality.channels if each.missing < 1.0]
-    if lacking := [key for key in dictionary.measured if key not in recorded]:
+    lacking = [key for key in dictionary.measured if key not in recorded]
+    quality = [each for each in repaired.quality.channels if each.key in lacking]
+    if implausible := [text for each in quality for text in each.repairs()]:
+        raise TelemetryError(f"{' '.join(implausible)} Give it in a mapping.")
+    if lacking:
         raise TelemetryError(
             f"it has no {', '.join(lacking)}: map signals to them, give a dataset or a dictionary "
             "of other channels, or leave the recording out"

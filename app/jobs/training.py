@@ -52,6 +52,8 @@ Progress = Callable[[str, int, int], object]
 LEAD_BINS = 20
 CHOICE_FLIGHTS = 1_000
 """Fresh flights of an own simulator on which methods are tried."""
+LARGEST_ADVISED = 0.3
+"""Largest epsilon that is named where there are too few failures for the requested one."""
 SHARES = (0.5, 0.15, 0.15, 0.2)
 PARTS = tuple(USES)
 """Shares of own flights, and what each part does."""
@@ -68,11 +70,12 @@ def too_few(n_unsafe: int, recipe: MonitorRecipe) -> list[str]:
     if calibrating(n_unsafe) >= needed:
         return []
     sure = "" if guarantee == "average" else " with 95 % confidence"
-    possible = smallest_epsilon(max(calibrating(n_unsafe), 1), guarantee)
+    possible = ceil(1e4 * smallest_epsilon(max(calibrating(n_unsafe), 1), guarantee)) / 1e4
+    accepted = f", or accept epsilon {possible:g}" if possible <= LARGEST_ADVISED else ""
+    enough = ceil(needed / SHARES[0])
     return [
         f"{n_unsafe} failing flights are too few for epsilon {recipe.epsilon:g}{sure}, which needs "
-        f"{ceil(needed / SHARES[0])}, as {SHARES[0]:.0%} of them calibrate: give more, or accept "
-        f"epsilon {ceil(1e4 * possible) / 1e4:g}"
+        f"{enough}, as {SHARES[0]:.0%} of them calibrate: give {enough - n_unsafe} more{accepted}"
     ]
 
 

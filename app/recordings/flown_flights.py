@@ -29,6 +29,8 @@ from core.planned_test.planned_test import DatasetRecipe
 from core.rollouts import UNLABELLED, LabelledFlights, RolloutsError, labels
 from core.types import Array
 
+MOST_CHECKED, MOST_FILES_CHECKED = 32 * 2**20, 100
+"""Most bytes and files that are checked before a job reads them."""
 Flown = Callable[[Dictionary], Iterable[FlownFlight]]
 """Gives recordings, mapped to the channels of a dictionary."""
 
@@ -175,6 +177,20 @@ def sent_rollouts(sent: SentRollouts, recordings: Recordings, most_bytes: int) -
     if sent.dictionary is not None:
         dictionary = sent.dictionary.dictionary
     return RolloutSources(no_rollouts(dictionary, dt), flown, None, *about)
+
+
+def check_sent(sent: SentRollouts, recordings: Recordings, most_bytes: int) -> None:
+    """Errors of the job that would add them, if it can be told soon.
+
+    TelemetryError; ValueError; NotFound; NoSpace.
+    """
+    if sent.dataset or sent.n_bytes > MOST_CHECKED or len(sent.files) > MOST_FILES_CHECKED:
+        return
+    rollouts = sent_rollouts(sent, recordings, most_bytes)
+    if rollouts.flown is None:
+        rollouts.to_dataset()
+    else:
+        extended(rollouts.read.dictionary, rollouts.channels, rollouts.limits)
 
 
 def _unconfirmed(sent: SentRollouts, recordings: Recordings) -> list[str]:

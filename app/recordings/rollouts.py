@@ -49,6 +49,7 @@ class SentRollouts:
     channels, limits: as the command line writes them.   dt: [s], None if the files give it.
     recordings: ids of those whose manoeuvres are rollouts, or ID/SCORING for those of a scoring.
     labels: see `failures_of`.   dataset: id of stored rollouts to join, "" for none.
+    n_bytes: of the files.
     """
 
     folder: Path
@@ -61,6 +62,7 @@ class SentRollouts:
     recordings: list[str] = field(default_factory=list)
     labels: list[str] = field(default_factory=list)
     dataset: str = ""
+    n_bytes: int = 0
 
     def set_field(self, name: str, text: str, file_name: str = "") -> None:
         """Set a text field. TelemetryError."""
@@ -166,8 +168,10 @@ async def receive_rollouts(
         if each.name in TEXTS:
             sent.set_field(each.name, await _text(each), each.file_name)
             continue
-        if not each.file_name and each.name != "file":
-            known = instead_of(each.name, ("file", *TEXTS))
+        if each.name != "file":
+            known = (
+                "send files as file" if each.file_name else instead_of(each.name, ("file", *TEXTS))
+            )
             raise TelemetryError(f"the form has the field {each.name}: {known}")
         name = plain_name(each.file_name)
         if name.startswith("."):
@@ -185,6 +189,7 @@ async def receive_rollouts(
             )
         sent.files.append(name)
         received = await receive(each.content, sent.folder / FILES / name, require)
+        sent.n_bytes += received.size
         if received.size == 0:
             raise TelemetryError(f"{name} is empty: choose files of rollouts")
     sent.check()

@@ -20,7 +20,7 @@ from app.jobs.kinds import add_rollouts
 from app.jobs.kinds import simulate_dataset as run
 from app.jobs.requests import amplitude_suggestion, dataset_request
 from app.recipes.recipes import RecipeError, to_plain
-from app.recordings.flown_flights import sent_rollouts
+from app.recordings.flown_flights import check_sent, sent_rollouts
 from app.recordings.recordings import Recordings
 from app.recordings.rollouts import SentRollouts, preview_of
 from app.routes.dependencies import (
@@ -35,6 +35,7 @@ from app.routes.dependencies import (
     file_of,
     json_response,
     parse_object,
+    refused,
 )
 from app.routes.jobs import accepted, queued
 from app.routes.sent_files import BINARY, CONTENT, FORM, OCTETS, sent_fields
@@ -43,6 +44,7 @@ from app.store.datasets import DatasetInfo
 from app.store.jobs import JobInfo
 from app.store.store import Store
 from core.channels import Dictionary
+from core.recipe import instead_of
 
 router = APIRouter(prefix="/api/v1/datasets", tags=["datasets"])
 Outcome = Literal["unsafe", "safe"]
@@ -147,7 +149,7 @@ Limits = Annotated[list[str] | None, Query(description="as in a form: KEY=LOW..H
 Computed = Annotated[list[str] | None, Query(description="as in a form: KEY [UNIT] = FORMULA")]
 
 
-@router.post("", **queued(408, 507), openapi_extra=_BODY)
+@router.post("", **queued(408, 429, 507), openapi_extra=_BODY)
 async def add_dataset(
     request: Request,
     store: StoreDep,
@@ -171,8 +173,9 @@ async def add_dataset(
     a long table with a column `flight`, or one file for each flight. Recordings join by themselves,
     beside files, or beside a stored dataset, with its channels and limits:
     `curl -F recording=ID -F recording=ID -F dataset=ID URL`. Each of their manoeuvres is a rollout,
-    on the grid and from trim as scoring takes it. The result of the job has the dataset's id and
-    `findings`: what was left out, or looks implausible.
+    on the grid and from trim as scoring takes it. Files up to 32 MB are checked at once, larger
+    ones by the job. Its result has the dataset's id and `findings`: what was left out, or looks
+    implausible.
     """
     if content_type(request) == "application/json":
         for key in request.query_params:
@@ -184,6 +187,12 @@ async def add_dataset(
     sent = await _received(request, recordings, fields)
     work = sent, recordings, settings.max_array_bytes
     drop = partial(recordings.drop_rollouts, sent)
+    try:
+        with refused(422, "rollouts", ValueError):
+            await recordings.readers.run(check_sent, *work)
+    except BaseException:
+        await asyncio.to_thread(drop)
+        raise
     return await accepted(jobs, "dataset", sent.as_plain(), add_rollouts, *work, release=drop)
 
 
@@ -221,6 +230,9 @@ def _preview(sent: SentRollouts, recordings: Recordings, most_bytes: int) -> dic
 async def _received(
     request: Request, recordings: Recordings, fields: Mapping[str, str | None]
 ) -> SentRollouts:
+    for key in request.query_params:
+        if key not in fields:
+            raise RecipeError(f"the address has {key}=: {instead_of(key, fields)}")
     given = {name: text for name, text in fields.items() if text}
     try:
         sent = await recordings.receive_rollouts(

@@ -47,7 +47,7 @@ from core.monitor.validity.verdict import (
     in_words,
 )
 from core.recipe import to_plain
-from core.types import Array, Flags, Indices
+from core.types import Array, Flags, Indices, real_numbers
 from core.whole_file import whole_file
 
 OK = State.OK
@@ -267,9 +267,10 @@ class Monitor:
         )
 
     def _checked(self, y: npt.ArrayLike) -> Array:
-        y = np.ascontiguousarray(y, np.float64)
+        y = np.ascontiguousarray(real_numbers(y, "y"))
         if y.ndim != 2 or y.shape[1] != len(self.dictionary):
-            raise ValueError(f"y has shape {y.shape}: give (n_samples, {len(self.dictionary)})")
+            text = f"y has shape {y.shape}: give (n_samples, {len(self.dictionary)})"
+            raise ValueError(f"{text}, one flight at a time, as y[0]" if y.ndim == 3 else text)
         return y
 
     def last_counted(self, y: Array) -> int | None:

@@ -19,7 +19,7 @@ from core.monitor.group import GROUPINGS, Grouping
 from core.rollouts import LABEL, dictionary_of, labels, unlike
 from core.seeds import Branch, stream
 from core.simulation.simulator import Distribution, Parameters, Rollouts, Stopped
-from core.types import Array, Flags, Indices
+from core.types import Array, Flags, Indices, real_numbers
 
 STANDARD, PACKAGES = Path(traceback.__file__).parent, "site-packages"
 OURS = tuple(Path(__file__).parents[2] / name for name in ("core", "app"))
@@ -64,8 +64,8 @@ def _defined(called: object) -> tuple[str, int | None]:
 def numbers(given: Any, what: str, needed: str) -> Array:
     """What somebody's code gave as an array. OwnCodeError with the element that is no number."""
     try:
-        return np.array(given, np.float64)
-    except (TypeError, ValueError):
+        return np.array(real_numbers(given, what))
+    except ValueError:
         raise OwnCodeError(f"{_no_array(given, what)}: {needed}") from None
 
 
@@ -75,8 +75,8 @@ def _no_array(given: Any, what: str) -> str:
     first: tuple[int, ...] | None = None
     for k, part in enumerate(parts):
         try:
-            shape = np.array(part, np.float64).shape
-        except (TypeError, ValueError):
+            shape = real_numbers(part, what).shape
+        except ValueError:
             return _no_array(part, f"{what}[{k}]")
         first = shape if first is None else first
         if shape != first:
@@ -86,6 +86,8 @@ def _no_array(given: Any, what: str) -> str:
 
 def _short(given: Any) -> str:
     """What was given, in a few words."""
+    if isinstance(given, np.ndarray) and given.dtype == object:
+        return "an array of objects"
     if np.ndim(given):
         return f"of shape {np.shape(given)}"
     return f"{given!r}"[:60] + ("" if given is None else f", a {type(given).__name__}")

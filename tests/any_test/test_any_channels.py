@@ -190,13 +190,14 @@ def labelled(y: Array, **given: object) -> LabelledFlights:
 def test_the_label_wins_over_the_limits_and_the_findings_count_it() -> None:
     source = flights(1, 400)
     fail = np.where(source.fails, source.fail_index, -1)
-    first = int(np.flatnonzero(source.fails)[0])
+    first, late, *_ = np.flatnonzero(source.fails).tolist()
     fail[first] = -1
+    fail[late] += 1
     _, y = short_period.fly(RNG(1), 400)
     checked = labelled(y, fail_index=fail)
     assert checked.fail_index[first] == y.shape[1]
     assert any("disagree in 1 of 400" in text for text in checked.findings)
-    assert any("exceed a limit before" in text for text in checked.findings)
+    assert any("1 of 400 flights exceed a limit before" in text for text in checked.findings)
 
 
 def test_implausible_flights_are_left_out_and_reported() -> None:

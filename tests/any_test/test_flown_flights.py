@@ -13,6 +13,7 @@ from starlette.testclient import TestClient
 from app.assessment.recorded import RecordedFlight
 from app.cli import main
 from app.recordings.flown_flights import RolloutSources, recorded_files
+from core.channels import LATERAL
 from core.collection import collect
 from core.dataset import Dataset
 from core.monitor import MonitorRecipe, load, train
@@ -571,3 +572,18 @@ def test_options_of_recordings_need_them(
 ) -> None:
     assert main(["train", "--label", "a.csv=safe", "--out", str(tmp_path / "m.fwm")]) == 1
     assert "--label was given without" in capsys.readouterr().err
+
+
+def test_values_that_no_aircraft_reaches_are_told_from_missing_ones(tmp_path: Path, capsys) -> None:
+    path, t = tmp_path / "f.csv", 0.05 * np.arange(400)
+    y = np.column_stack([np.sin(t), 600 + np.sin(t), *4 * [0.1 * np.sin(2 * t)]])
+    path.write_bytes(csv_of(y, 0.05, head=",".join(["t", *LATERAL.keys])))
+    channels = {key: {"signal": key, "unit": LATERAL.by_key[key].unit} for key in LATERAL.keys}
+    mapping = tmp_path / "mapping.json"
+    mapping.write_text(json.dumps({"channels": channels, "times": {"": {"signal": "t"}}}))
+    words = ["train", "--recordings", path, "--mapping", mapping, "--limit", "Ny=0.5"]
+    assert main([*map(str, words), "--out", str(tmp_path / "a.fwm")]) == 1
+    said = capsys.readouterr().err
+    assert "it has no" not in said
+    assert "p exceeds the plausible 1146 deg/s in 400 rows" in said
+    assert "check its unit" in said

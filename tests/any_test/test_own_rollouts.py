@@ -185,7 +185,7 @@ def pickled(folder: Path, y: Array) -> Path:
     ("write", "words"),
     [
         (truncated, "rollouts.npz: the arrays of rollouts file is damaged or cut short"),
-        (pickled, "damaged or cut short"),
+        (pickled, "y holds objects"),
         (lambda folder, y: folder / "absent", "no such file or folder"),
         (lambda folder, y: folder, "is empty"),
         (no_time, "has no t .s., as flight_000"),

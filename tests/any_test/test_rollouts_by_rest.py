@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from starlette.testclient import TestClient
 
+from app.recordings import flown_flights
 from core.channels import Dictionary
 from tests.support.api import api, finished, problem, store_of
 from tests.support.rollout_files import (
@@ -167,9 +168,10 @@ def test_unnamed_channels_and_a_missing_interval_are_given_with_the_files(
     file = io.BytesIO()
     np.savez(file, y=flights(200))
     sent = ("y.npz", file.getvalue())
-    assert "does not name its 4 channels" in add(client, sent, limit="Nz=..2.9")["error"]
-    text = json.dumps(DICTIONARY.to_plain())
-    assert "has no dt" in add(client, sent, dictionary=text, limit="Nz=..2.9")["error"]
+    text, form = json.dumps(DICTIONARY.to_plain()), [("file", sent)]
+    for said, words in (({}, "does not name its 4 channels"), ({"dictionary": text}, "has no dt")):
+        answer = client.post(PATH, files=form, data=LIMIT | said)
+        assert words in problem(answer, 422)
     job = add(client, sent, dictionary=text, dt="0.05", **LIMIT)
     assert job["status"] == "done", job["error"]
     assert client.get(f"{PATH}/{job['result']['dataset']}").json()["dt"] == 0.05
@@ -204,19 +206,49 @@ def test_findings_are_kept_with_the_dataset(client: TestClient) -> None:
         ({"theta": np.zeros(3)}, LIMIT, "one row for each of 6"),
         ({"fail_index": np.zeros(3)}, {}, "3 labels were given for 6 flights"),
         ({"y": np.zeros((3, 5))}, LIMIT, "no array y of flights, samples and channels"),
+        ({"y": np.zeros((1, 3, 5, 4))}, LIMIT, "y has shape (1, 3, 5, 4)"),
+        ({"y": flights().astype(str)}, LIMIT, "y holds text"),
+        ({"y": flights().astype(object)}, LIMIT, "y holds objects"),
+        ({"y": flights() + 1j}, LIMIT, "y holds complex numbers"),
+        ({"y": np.full((6, 5, 4), np.nan)}, LIMIT, "no number that is finite"),
+        ({"dt": -0.05}, LIMIT, "dt is -0.05"),
+        ({"dt": [0.05] * 5 + [0.1]}, LIMIT, "dt is 0.05, 0.1"),
+        ({"dt": "0.05"}, LIMIT, "dt holds text"),
+        ({"fail_index": np.array([-1, 40.5, -1, -1, 50, -1])}, {}, "the value 40.5"),
+        ({"fail_index": np.array([-1, np.nan, -1, -1, 50, -1])}, {}, "the value nan"),
+        ({"fail_index": np.full(6, 500)}, {}, "a flight has 81 samples"),
+        ({"unsafe": np.array(["yes", "no"] * 3)}, {}, "unsafe holds text"),
+        ({"unsafe": np.array([0, 1, 2, 0, 1, 1])}, {}, "unsafe has the value 2"),
     ],
 )
-def test_files_that_cannot_be_used_fail_with_one_sentence(
+def test_files_that_cannot_be_used_are_refused_at_once_with_one_sentence(
     sent: dict[str, Any], said: dict[str, str], words: str, client: TestClient
 ) -> None:
+    jobs = client.get("/api/v1/jobs").json()
+    form = [("file", ("own.npz", npz(flights(), **sent)))]
+    said_of_it = problem(client.post(PATH, files=form, data=said), 422)
+    assert words in said_of_it
+    assert str(client.app.state.settings.data_dir) not in said_of_it  # pyright: ignore
+    assert "/incoming/" not in said_of_it
+    assert client.get("/api/v1/jobs").json() == jobs
+    assert incoming(client) == []
+
+
+def test_files_too_large_to_check_at_once_are_refused_by_the_job(
+    client: TestClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(flown_flights, "MOST_CHECKED", 0)
     before = client.get(PATH).json()
-    job = add(client, ("own.npz", npz(flights(), **sent)), **said)
+    job = add(client, ("own.npz", npz(flights())), limit="Nzz=..2")
     assert job["status"] == "failed"
-    assert words in job["error"]
-    assert str(client.app.state.settings.data_dir) not in job["error"]  # pyright: ignore
-    assert "/incoming/" not in job["error"]
+    assert "did you mean Nz" in job["error"]
     assert client.get(PATH).json() == before
     assert incoming(client) == []
+
+
+def test_an_unknown_name_in_the_address_is_refused(client: TestClient) -> None:
+    for path in (f"{PATH}?limits=Nz=..2", f"{PATH}?limit=Nz=..2&lim=2"):
+        assert "did you mean limit" in problem(client.post(path, content=npz(flights())), 422)
 
 
 @pytest.mark.parametrize(
@@ -225,6 +257,8 @@ def test_files_that_cannot_be_used_fail_with_one_sentence(
         ([], {}, "there is no file"),
         ([("a.csv", b"t\n0\n")], {"limits": "Nz=..2"}, "did you mean limit"),
         ([("a.csv", b"")], {}, "a.csv is empty"),
+        ([("a.npz", b"no archive" * 50)], LIMIT, "no row of numbers"),
+        ([("a.npz", b"PK\x03\x04" + bytes(500))], LIMIT, "damaged or cut short"),
         ([("a.csv", b"t\n0\n"), ("a.csv", b"t\n0\n")], {}, "two files have the name a.csv"),
         ([("a.csv", b"t\n0\n")], {"dt": "-1"}, "dt is '-1'"),
         ([("a.csv", b"t\n0\n")], {"dictionary": "key\nalpha\n"}, "give key and unit"),
@@ -246,9 +280,14 @@ def test_a_request_that_cannot_be_used_is_refused_at_once(
     assert incoming(client) == []
 
 
+def test_a_file_under_another_name_than_file_is_refused(client: TestClient) -> None:
+    form = [("data", ("a.npz", npz(flights())))]
+    assert "send files as file" in problem(client.post(PATH, files=form, data=LIMIT), 422)
+
+
 def test_files_of_a_cancelled_job_are_removed(tmp_path: Path) -> None:
     with api(tmp_path, max_jobs=0) as client:
-        answer = client.post(PATH, files=[("file", ("a.npz", npz(flights())))], data=LIMIT)
+        answer = client.post(PATH, files=[("file", ("a.npz", npz(flights(200))))], data=LIMIT)
         assert answer.status_code == 202
         assert len(incoming(client)) == 1
         assert client.post(f"/api/v1/jobs/{answer.json()['id']}/cancel").status_code == 202

@@ -111,6 +111,13 @@ def test_too_few_failures_name_the_number_that_would_do(n_unsafe: int, enough: b
     assert too_few(0, USUAL_MONITOR)
 
 
+def test_only_a_sensible_epsilon_is_advised() -> None:
+    (few,), (many,) = too_few(6, USUAL_MONITOR), too_few(50, USUAL_MONITOR)
+    assert "give 52 more" in few
+    assert "accept" not in few
+    assert "give 8 more, or accept epsilon 0.1" in many
+
+
 def test_what_progress_raises_cancels_the_calibration(simulated: Dataset) -> None:
     def cancel(words: str, *_: object) -> None:
         if "validity" in words:

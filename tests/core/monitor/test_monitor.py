@@ -267,6 +267,11 @@ def test_a_trajectory_of_another_shape_is_refused(dataset: Dataset) -> None:
     monitor = train(dataset)
     with pytest.raises(ValueError, match=r"y has shape \(6,\): give \(n_samples, 6\)"):
         monitor.p_values(np.zeros(6))
+    with pytest.raises(ValueError, match=r"one flight at a time, as y\[0\]"):
+        monitor.p_values(np.zeros((1, 5, 6)))
+    for wrong, kind in ((np.zeros((5, 6)) + 1j, "complex"), (np.full((5, 6), "1.5"), "text")):
+        with pytest.raises(ValueError, match=f"y holds {kind}"):
+            monitor.p_values(wrong)
     with pytest.raises(ValueError, match=r"t has shape \(2,\): give one time per sample"):
         monitor.assess([0, 1], np.zeros((3, 6)))
     assert monitor.p_values(np.zeros((0, 6))).shape == (0,)

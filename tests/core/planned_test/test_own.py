@@ -155,11 +155,17 @@ THEIRS = r"changed \(test_own\.py, line \d+\), rollout [12] of 50 \(stiffness=[\
             r"outputs\[80\] has shape \(1,\), the first .*\(4,\)",
         ),
         (some(lambda rows: [*rows[:-1], [0, "a", 0, 0]]), r"outputs\[80\]\[1\] is 'a', a str"),
+        (some(lambda rows: [*rows[:-1], [0, "1.5", 0, 0]]), r"outputs\[80\]\[1\] is '1.5', a str"),
+        (some(lambda rows: np.array(rows) + 1j), r"outputs\[0\]\[0\] is .*, a complex128"),
+        (some(lambda rows: np.array(rows, object)), r"outputs\[0\] is an array of objects"),
         (some(lambda rows: None), "outputs is None: return"),
         (some(lambda rows: "ok"), "outputs is 'ok', a str: return"),
         (some(stopped), r"failed in test_own\.py, line \d+, 'raise Runtime.*no convergence"),
     ],
-    ids=["short", "ragged", "text", "none", "string", "raises"],
+    ids=[
+        *("short", "ragged", "text", "text of a number", "complex", "objects"),
+        *("none", "string", "raises"),
+    ],
 )
 def test_the_rollout_and_output_that_cannot_be_used_are_named(own: Any, told: str):
     with pytest.raises(OwnCodeError, match=f"{THEIRS}.*{told}") as refused:
