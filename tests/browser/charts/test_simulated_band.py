@@ -30,25 +30,34 @@ def drawn(strips: Open, own_page: Page) -> Page:
     return own_page
 
 
+SPAN = """
+    const { canvas } = document.querySelector('.strip[data-key="Ny"] canvas').getContext('2d');
+    const { width, height } = canvas;
+    const pen = Object.assign(document.createElement('canvas'), { width, height })
+        .getContext('2d', { willReadFrequently: true });
+    const drawn = () => {
+        pen.drawImage(canvas, 0, 0);
+        return new Uint32Array(pen.getImageData(0, 0, width, height).data.buffer);
+    };
+    const first = drawn();
+    document.querySelector('.view-items input').click();
+    h.draw(1100);
+    const second = drawn();
+    let [low, high] = [Infinity, -Infinity];
+    for (let i = 0; i < first.length; i += 1) {
+        const x = i % width;
+        if (x >= GUTTER && first[i] !== second[i]) [low, high] = [Math.min(low, x), Math.max(high, x)];
+    }
+    return [low, high];
+"""
+
+
 def columns(page: Page) -> list[float]:
     """First and last column of the strip's plot that differ without the band, as times [s]."""
-    row = """
-        const { canvas } = document.querySelector('.strip[data-key="Ny"] canvas').getContext('2d');
-        const pen = Object.assign(document.createElement('canvas'),
-            { width: canvas.width, height: canvas.height })
-            .getContext('2d', { willReadFrequently: true });
-        pen.drawImage(canvas, 0, 0);
-        return [...pen.getImageData(0, 0, canvas.width, canvas.height).data];
-    """
-    width = page.evaluate("document.querySelector('.strip canvas').width")
     start, end = run(page, "const { start, end } = h.timeline.view(1100); return [start, end];")
-    first = run(page, row)
-    page.evaluate("document.querySelector('.view-items input').click(), harness.draw(1100)")
-    second = run(page, row)
-    differs = (k // 4 for k in range(0, len(first), 4) if first[k : k + 3] != second[k : k + 3])
-    changed = [pixel % width for pixel in differs if pixel % width >= GUTTER]
     step = (end - start) / plot_width(page)
-    return [start + (column - GUTTER) * step for column in (min(changed), max(changed))]
+    changed = run(page, SPAN.replace("GUTTER", str(GUTTER)))
+    return [start + (column - GUTTER) * step for column in changed]
 
 
 def test_the_band_begins_at_the_manoeuvres_start_and_can_be_hidden(drawn: Page) -> None:
