@@ -13,7 +13,7 @@ After an acknowledgement every onset raises a new alarm.
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from math import inf
 from operator import attrgetter
@@ -120,7 +120,8 @@ class Alarms:
             if ALARM_LEVELS[kind] is Level.WARNING:
                 onsets.restart()
 
-    def restore(self, alarms: list[Alarm]) -> None:
+    def restore(self, alarms: list[Alarm], active: Collection[AlarmKind] = ()) -> None:
+        """Restore stored alarms. active: kinds whose alarm is of a condition that still holds."""
         for alarm in alarms:
             self._number = max(self._number, alarm.number)
             self._keep_evidence(alarm)
@@ -129,6 +130,8 @@ class Alarms:
                 self._onsets[alarm.kind].latch(alarm.id, alarm.seq)
             else:
                 self._closed = [*self._closed, alarm][-CLOSED_KEPT:]
+        for kind in active:
+            self._onsets[kind].is_active = self._may_be_active = True
 
     def update(
         self,

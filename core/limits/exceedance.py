@@ -150,6 +150,11 @@ class Exceedances:
     def latched(self) -> list[LatchedExceedance]:
         return [replace(latched) for latched in self._latched.values()]
 
+    @property
+    def over(self) -> list[str]:
+        """Channels that the newest sample exceeds."""
+        return sorted(self._over)
+
     def restart(self) -> None:
         self._over.clear()
         self._latched.clear()

@@ -45,6 +45,7 @@ from core.flight_events import Alarm, FlightMarker
 from core.limits.exceedance import MeasuredExceedance, exceedance
 from core.monitor import Assessment, Monitor, State
 from core.monitor.peak_forecast import Ahead
+from core.monitor.status import AlarmKind
 from core.simulation.attitude import DisplayAttitude
 from core.types import Array
 
@@ -248,22 +249,29 @@ class LiveFlight(Flight):
                 self._follow(*self._flown(assessed), assessed.display)
             else:
                 unrecorded.append(assessed)
-        self.alarms.restore(alarms)
         self.markers = {marker.number: marker for marker in markers[-MARKERS_KEPT:]}
         for t, named, _ in self._replayed:
             self.exceedances.add(t, named)
             self._note_exceedance(t)
         stored_t = [alarm.t for alarm in alarms if alarm.kind == "limit"]
+        known = {(alarm.kind, alarm.t) for alarm in alarms}
+        active: list[AlarmKind] = [d.kind for d in self.scorer.doubts if (d.kind, d.t) in known]
+        if any(self._is_alarmed(self.t, key, stored_t) for key in self.exceedances.over):
+            active.append("limit")
+        self.alarms.restore(alarms, active)
         self._replayed = [
             exceeding
             for exceeding in self._replayed
-            if not self._is_alarmed(*exceeding[:2], stored_t)
+            if not self._is_alarmed(exceeding[0], exceeding[1].channel, stored_t)
         ]
         return unrecorded
 
-    def _is_alarmed(self, t: float, named: MeasuredExceedance, alarms: Sequence[float]) -> bool:
-        """Whether an alarm was stored of the exceedance at t [s]. alarms: their times [s]."""
-        start = self.exceedances.start_of(named.channel, t)
+    def _is_alarmed(self, t: float, key: str, alarms: Sequence[float]) -> bool:
+        """Whether an alarm was stored of the exceedance of a channel at t [s].
+
+        alarms: their times [s].
+        """
+        start = self.exceedances.start_of(key, t)
         return any(start - REJOIN_S < alarm < t + REJOIN_S for alarm in alarms)
 
     def resume(self, unrecorded: list[LiveAssessed]) -> None:

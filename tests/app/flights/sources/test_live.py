@@ -157,6 +157,28 @@ def test_a_restart_counts_exceedances_as_before(tmp_path: Path) -> None:
     flown(fly, tmp_path)
 
 
+def test_an_exceedance_that_outlasts_a_restart_is_one_alarm(tmp_path: Path) -> None:
+    async def fly(live: Live, y: Array) -> None:
+        y = np.zeros_like(y)
+        y[5:45, 3] = y[50:, 3] = 0.6
+        for k in range(40):
+            await live.push(k, y[k]).stored
+        alarms = live.flight.alarms.at_hand
+        again = live.another(SilentRecorder(live.clock))
+        again.resume(again.restore(lines_of(live.journals.path(again.id)), 39, alarms, []))
+        counts = []
+        for k in range(40, 60):
+            live.clock.advance(DT)
+            again.receive(batch(k, y[k]), "rest")
+            if k == 43:
+                again.acknowledge("1", "FTE", "now")
+            counts.append([alarm.kind for alarm in again.alarms.at_hand].count("limit"))
+        assert counts == [1] * 10 + [2] * 10
+        await again.stop("enough")
+
+    flown(fly, tmp_path)
+
+
 def test_what_the_clock_settled_before_a_kill_is_not_recorded_twice(tmp_path: Path) -> None:
     async def fly(live: Live, y: Array) -> None:
         for k in (0, 1, 3):
