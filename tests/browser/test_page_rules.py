@@ -1,4 +1,4 @@
-"""Rules of every page: a heading, headed tables, matching names, no blank space, own files only."""
+"""Rules of every page: headings, names, contrast, no blank space, own files only."""
 
 import re
 from collections.abc import Iterator
@@ -10,6 +10,7 @@ from playwright.sync_api import Page, expect
 
 from core import __version__
 from core.monitor import Monitor
+from tests.browser.chromium import violations
 from tests.browser.recorded_site import RecordedSite, open_recorded_site
 
 VIEWS = [
@@ -114,6 +115,9 @@ def test_every_page_keeps_the_rules(
         slug, _, anchor = (link.get_attribute("href") or "").removeprefix("/guide/").partition("#")
         assert not anchor or anchor in sections(slug), (slug, anchor)
     page.evaluate("document.querySelectorAll('details').forEach((part) => (part.open = true))")
+    for theme in ("light", "dark"):
+        page.emulate_media(color_scheme=theme)
+        assert violations(page) == [], theme
     for width in (1024, 1440):
         page.set_viewport_size({"width": width, "height": 800})
         assert page.evaluate(BLANK) <= 0, width

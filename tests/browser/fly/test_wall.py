@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.browser.chromium import wait_until
+from tests.browser.chromium import violations, wait_until
 from tests.browser.fly.test_live import Live, site, stored
 from tests.browser.site import Site
 from tests.support import any_flight
@@ -164,6 +164,21 @@ def test_no_text_is_larger_than_the_state_but_the_risk_that_alerts(
                    "document.querySelector('.state-word')?.textContent")  # fmt: skip
         larger = page.evaluate(LARGER, ".wall-state" if view else ".state-word")
         assert larger == [], (state, view)
+
+
+@pytest.mark.parametrize("view", ["", "?wall"])
+@pytest.mark.parametrize("state", ["exceeding", "stale", "ok"])
+def test_a_flight_has_no_violations_of_wcag(
+    own_page: Page, fresh: Site, allowed_errors: list[str], state: str, view: str
+) -> None:
+    allowed_errors.append("AudioContext was not allowed")
+    page, flight = own_page, recording(state, 3, True)
+    page.route("**/js/start/recording.json", lambda route: route.fulfill(json=flight))
+    page.goto(f"{fresh.http}/#/demonstration{view}")
+    wait_until(page, "document.querySelector('.state-word, .wall-row')?.textContent")
+    for theme in ("dark", "light"):
+        page.evaluate("(theme) => (document.documentElement.dataset.theme = theme)", theme)
+        assert violations(page) == [], theme
 
 
 def test_a_waiting_flight_and_its_scene_are_legible_from_5_m(live: Live) -> None:
