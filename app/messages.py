@@ -693,7 +693,7 @@ def _plain_assessment(assessment: Assessment) -> dict[str, Any]:
     return {
         "p_value": assessment.p_value,
         "alert": assessment.alert,
-        "state": assessment.state.value,
+        "state": assessment.state,
         "reason": assessment.reason,
         "cause": assessment.cause,
     }

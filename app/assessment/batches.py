@@ -4,6 +4,7 @@ import collections.abc as abc
 from collections.abc import Collection
 from dataclasses import dataclass
 from math import isfinite
+from operator import gt
 from typing import Any, NamedTuple
 
 import msgspec
@@ -244,11 +245,11 @@ class ChannelReader:
         """A sample of the channels, then the attitude; implausible values are missing."""
         n, bounds = len(self._channels), self._bounds
         y, reason = np.array(row[:n]), ""
-        for c in [c for c, bound in enumerate(bounds) if not -bound <= row[c] <= bound]:
-            if row[c] == row[c]:
-                channel = self._channels[c]
-                text = f"{channel.key} of {row[c]:.4g} {channel.unit} is implausible"
-                reason, y[c] = reason or text, NAN
+        if any(map(gt, map(abs, row), bounds)):
+            for c, channel in enumerate(self._channels):
+                if abs(row[c]) > bounds[c]:
+                    text = f"{channel.key} of {row[c]:.4g} {channel.unit} is implausible"
+                    reason, y[c] = reason or text, NAN
         self._computed.fill(t, y)
         phi, theta, psi = row[n:]
         return Sample(t, y, (phi, theta, psi), reason)

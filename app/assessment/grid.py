@@ -4,7 +4,7 @@ The result depends only on the samples and their arrival times, so the same arri
 bits later: from a flight's journal, or from a recording, all at once.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from math import isnan, nan
 from typing import NamedTuple
@@ -131,12 +131,14 @@ class CausalGrid:
             late=np.empty(kernel.REMEMBERED),
         )
         self._settled = self._room(ROOM)
-        self._one = Arrivals(np.empty(1), np.empty(1), np.empty((1, n_values)))
-        self._flight_t = np.empty((1, 2))
+        self._values = np.empty(n_values)
         compiled = self._state, self._settled
-        self._receive_one = entry(kernel.receive, *compiled, *self._one, 0, self._flight_t)
+        self._receive_one = entry(kernel.receive_one, *compiled, 0.0, 0.0, self._values)
         self._advance_to = entry(kernel.advance, *compiled, 0.0)
         self._reasons: dict[int, str] = {}
+        self.pushed_at = nan, False
+        """Flight time of the sample pushed last [s], and whether the source's time is plausible;
+        if it is not, the time is by arrival."""
 
     @property
     def interval(self) -> float:
@@ -148,8 +150,12 @@ class CausalGrid:
         return Counts(*self._state.counts[kernel.ACCEPTED :].tolist())
 
     @property
+    def n_accepted(self) -> int:
+        return self._state.counts.item(kernel.ACCEPTED)
+
+    @property
     def n_clock_steps(self) -> int:
-        return int(self._state.counts[kernel.CLOCK_STEPS])
+        return self._state.counts.item(kernel.CLOCK_STEPS)
 
     @property
     def deadline(self) -> float | None:
@@ -157,25 +163,23 @@ class CausalGrid:
         due = float(self._state.clock[kernel.DUE])
         return None if isnan(due) else due
 
-    @property
-    def pushed_at(self) -> tuple[float, bool]:
-        """Flight time of the sample pushed last [s], and whether the source's time is plausible.
-
-        If it is not, the time is by arrival.
-        """
-        t, is_plausible = self._flight_t[0].tolist()
-        return t, bool(is_plausible)
-
     def push(self, arrived: float, sample: Sample) -> list[Sample]:
         """Add a received sample; return the grid samples settled by then, in order."""
         if sample.reason:
             self._note(int(self._state.counts[kernel.N_RECEIVED]), sample.reason)
-        one = self._one
-        one.arrived[0], one.t[0] = arrived, sample.t
-        one.values[0, : self._n_channels] = sample.y
-        one.values[0, self._n_channels :] = sample.attitude
-        added = self._add(self._receive_one, one, self._flight_t)
-        return [sample for n in added for sample in self._samples(n)]
+        values, settled = self._values, list[Sample]()
+        values[: self._n_channels] = sample.y
+        values[self._n_channels :] = sample.attitude
+        while True:
+            n_settled, room, t, is_plausible = self._receive_one(
+                self._state, self._settled, arrived, sample.t, values
+            )
+            if n_settled:
+                settled += self._samples(n_settled)
+            if not room:
+                self.pushed_at = t, is_plausible > 0.0
+                return settled
+            self._make_room(room)
 
     def advance(self, now: float) -> list[Sample]:
         """Return the grid samples settled at `now`, in order."""
@@ -190,26 +194,23 @@ class CausalGrid:
         flight_t = np.empty((len(received.t), 2))
         # a read-only array compiles the kernel again
         writable = Arrivals(*(np.require(part, requirements="W") for part in received))
-        added = self._add(kernel.receive, writable, flight_t)
+        added = self._add(writable, flight_t)
         return joined([self._part(n) for n in added] or [self._part(0)]), flight_t[:, 0]
 
     def settle(self, now: float) -> GridRows:
         """The samples that are settled at `now`, all at once."""
         return joined([self._part(n) for n in self._settle(now)] or [self._part(0)])
 
-    def _add(
-        self, receive: Callable[..., tuple[int, int, int]], received: Arrivals, flight_t: Array
-    ) -> Iterator[int]:
+    def _add(self, received: Arrivals, flight_t: Array) -> Iterator[int]:
         """Add samples; yield how many are settled, each time that there are some."""
         first, n = 0, len(received.t)
         while first < n:
-            first, n_settled, room = receive(self._state, self._settled, *received, first, flight_t)
+            first, n_settled, room = kernel.receive(
+                self._state, self._settled, *received, first, flight_t
+            )
             if n_settled:
                 yield n_settled
-            if room < 0:
-                self._grow()
-            elif room > len(self._settled):
-                self._settled = self._room(2 * room)
+            self._make_room(room)
 
     def _settle(self, now: float) -> Iterator[int]:
         more = True
@@ -221,18 +222,28 @@ class CausalGrid:
     def _room(self, n: int) -> Array:
         return np.empty((n, self._width))
 
-    def _grow(self) -> None:
-        """Double the room of the waiting rows."""
-        old = self._state.rows
-        rows = np.empty((2 * len(old), old.shape[1]))
-        rows[: len(old)] = old
-        self._state = self._state._replace(rows=rows)
+    def _make_room(self, room: int) -> None:
+        """Make room for settled samples; below 0, double that of the waiting rows."""
+        if room < 0:
+            old = self._state.rows
+            rows = np.empty((2 * len(old), old.shape[1]))
+            rows[: len(old)] = old
+            self._state = self._state._replace(rows=rows)
+        elif room > len(self._settled):
+            self._settled = self._room(2 * room)
 
     def _samples(self, n: int) -> list[Sample]:
         settled = self._settled[:n]
         channels = settled[:, kernel.SETTLED_VALUES : -len(ATTITUDE)].copy()
         return [
-            Sample(row[kernel.T], y, _angles(row), self._reason(row), shown=row[kernel.SHOWN])
+            Sample(
+                row[kernel.T],
+                y,
+                (row[-3], row[-2], row[-1]),
+                self._reason(row) if row[kernel.FAULT] or self._reasons else "",
+                None,
+                row[kernel.SHOWN],
+            )
             for row, y in zip(settled.tolist(), channels, strict=True)
         ]
 
@@ -262,11 +273,6 @@ class CausalGrid:
         self._reasons[number] = reason
         if len(self._reasons) > MOST_REASONS:
             del self._reasons[next(iter(self._reasons))]
-
-
-def _angles(row: list[float]) -> Angles:
-    phi, theta, psi = row[-len(ATTITUDE) :]
-    return phi, theta, psi
 
 
 def joined(parts: list[GridRows]) -> GridRows:

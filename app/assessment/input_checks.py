@@ -6,6 +6,7 @@ sample is checked when it arrives, so a flight and the replay of its journal fin
 
 from collections import deque
 from collections.abc import Sequence
+from math import isnan
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
@@ -13,6 +14,9 @@ import numpy as np
 from app.assessment.planned_test import PlannedTest
 from app.assessment.trim import BEGINNING, OTHER, RESTS, SHARE, SMALLEST
 from core.channels import Channel
+from core.kernels import input_motion as kernel
+from core.kernels.compiled import entry
+from core.kernels.input_motion import KEPT, REACTS_S, SurfaceRule, SurfaceState
 from core.limits.limits import Envelope
 from core.monitor.status import Level
 from core.types import Array
@@ -24,15 +28,11 @@ LOOK_S, MEASURE_S = 0.1, 0.5
 """Time between two looks at the recent samples, and between two measurements of noise [s]."""
 APART_S = 0.019
 """Least time between two samples that are looked at [s]; a faster source has more."""
-REACTS_S, SWINGS_S = 1.0, 3.0
-"""The aircraft moves within the first window [s]; within the second it passes half a swing."""
-KEPT, FIRST_LOOK, FEW = 160, 8, 4.0
-"""Samples looked at: SWINGS_S of a fast source; the least that show the noise, and the share by
-which few of them may underestimate it, times their number."""
+FIRST_LOOK, FEW = 8, 4.0
+"""Samples: the least that show the noise, and the share by which few of them may underestimate it,
+times their number."""
 MOVES = 0.15
 """Share of the largest response in training that is a motion of the aircraft."""
-GROWS = 2.0
-"""A motion that no surface explains grows by this factor over the smallest one since."""
 NOISES, RESOLUTIONS = 8.0, 2.0
 """A motion exceeds this many standard deviations of the noise, and steps of the channel."""
 
@@ -100,26 +100,31 @@ class InputChecks:
 
 
 class _Recent:
-    """The newest samples in order of time, and what noise and resolution make of a channel."""
+    """The newest samples in order of time, and what noise and resolution make of a channel.
+
+    t: (2 KEPT,) [s].   y: (2 KEPT, n_channels).   n: samples in them.
+    """
 
     def __init__(self, n_channels: int) -> None:
-        self._t, self._y = np.empty(2 * KEPT), np.empty((2 * KEPT, n_channels))
-        self._n = 0
+        self.t, self.y = np.empty(2 * KEPT), np.empty((2 * KEPT, n_channels))
+        self.n = 0
         self._newest = self._looked = self._measured = -np.inf
         self.uncertainty = np.zeros(n_channels)
         """(n_channels,) extent of a channel that is noise and resolution alone"""
         self.is_measured = False
+        self._roughness = np.empty(n_channels), np.empty(n_channels)
+        self._fill_roughness = entry(kernel.roughness, self.t, self.y, 0, *self._roughness)
 
     def push(self, t: float, y: Array) -> bool:
         """Add a sample. Returns whether it is time to look."""
         if t - self._newest < APART_S:
             return False
-        if self._n == len(self._t):
-            self._n = KEPT
-            self._t[:KEPT], self._y[:KEPT] = self._t[KEPT:], self._y[KEPT:]
-        self._t[self._n], self._y[self._n] = t, y
-        self._n, self._newest = self._n + 1, t
-        if self._n < FIRST_LOOK or t - self._looked < LOOK_S:
+        if self.n == len(self.t):
+            self.n = KEPT
+            self.t[:KEPT], self.y[:KEPT] = self.t[KEPT:], self.y[KEPT:]
+        self.t[self.n], self.y[self.n] = t, y
+        self.n, self._newest = self.n + 1, t
+        if self.n < FIRST_LOOK or t - self._looked < LOOK_S:
             return False
         self._looked = t
         if t - self._measured >= MEASURE_S:
@@ -129,21 +134,16 @@ class _Recent:
 
     def window(self, seconds: float) -> Array:
         """(n, n_channels) samples of the last seconds."""
-        first = int(self._t[: self._n].searchsorted(self._newest - seconds - 1e-9))
-        return self._y[max(first, self._n - KEPT) : self._n]
+        first = int(self.t[: self.n].searchsorted(self._newest - seconds - 1e-9))
+        return self.y[max(first, self.n - KEPT) : self.n]
 
     def _measure(self) -> None:
-        y = self.window(SWINGS_S)
-        if len(y) < FIRST_LOOK:
+        n = self._fill_roughness(self.t, self.y, self.n, *self._roughness)
+        if n < FIRST_LOOK:
             return
-        changes = np.abs(y[1:] - y[:-1])
-        bends = np.abs(y[2:] - 2.0 * y[1:-1] + y[:-2])
-        bends.partition(len(bends) // 2, axis=0)
-        unsure = 1.0 + FEW / len(bends)
-        noise = unsure * bends[len(bends) // 2] / (0.6745 * np.sqrt(6.0))
-        step = np.where(changes > 0.0, changes, np.inf).min(axis=0)
-        step[step == np.inf] = 0.0
-        self.uncertainty = np.fmax(NOISES * noise, RESOLUTIONS * step)
+        bends, steps = self._roughness
+        noise = (1.0 + FEW / (n - 2)) * bends / (0.6745 * np.sqrt(6.0))
+        self.uncertainty[:] = np.fmax(NOISES * noise, RESOLUTIONS * steps)
         self.is_measured = True
 
 
@@ -208,10 +208,9 @@ class _Contradictions:
         self._newest, self._waiting = -np.inf, None
 
     def push(self, arrived: float, t: float, y: Array, source: str) -> Doubt | None:
-        at = round(t, 6)
-        known = self._known.get(at)
-        if known is None:
-            self._known[at] = y, source
+        at, sample = round(t, 6), (y, source)
+        known = self._known.setdefault(at, sample)
+        if known is sample:
             self._times.append(at)
             if len(self._times) > REMEMBERED:
                 del self._known[self._times.popleft()]
@@ -251,63 +250,41 @@ class _Surfaces:
     """The aircraft moves while its surfaces rest: one of them is not the aircraft's.
 
     A motion is explained for SWINGS_S after a surface moved; later it may swing on, not grow.
+    Another surface than the planned ones must make an input, as long as one of them may be dead.
     """
 
     def __init__(self, recent: _Recent, planned: PlannedTest, usual: Array, by_hand: bool) -> None:
         self._recent = recent
-        self._outputs = list(planned.dictionary.of_role("output"))
-        self._controls = list(planned.controls)
-        self._moves = np.maximum(MOVES * usual[self._outputs], RESTS)
+        outputs = np.array(planned.dictionary.of_role("output"), np.int64)
         amplitudes = planned.amplitudes
         largest = amplitudes.max(initial=0.0)
-        self._is_planned = (amplitudes > 0.0) | (largest == 0.0)
+        is_planned = (amplitudes > 0.0) | (largest == 0.0)
         an_input = max(BEGINNING * SHARE * OTHER * largest, SMALLEST)
-        self._least_if_dead = np.where(self._is_planned, SMALLEST, an_input)
-        self._has_changed, self._all_changed = np.zeros(len(amplitudes), bool), False
-        self._moved, self._quiet = -np.inf, np.zeros(len(self._outputs))
-        self._since: float | None = None
+        self._rule = SurfaceRule(
+            np.array(planned.controls, np.int64),
+            outputs,
+            np.maximum(MOVES * usual[outputs], RESTS),
+            is_planned,
+            float(SMALLEST),
+            np.where(is_planned, SMALLEST, an_input),
+        )
+        self._applies = bool(planned.controls) and len(outputs) > 0
+        unmoved = np.zeros(len(amplitudes), bool), np.zeros(len(outputs)), np.array([-np.inf])
+        self._state, self._since = SurfaceState(*unmoved), np.nan
         self._reason = UNMOVED.format("press G or " if by_hand else "")
+        self._look = entry(kernel.look, *self._arguments)
+
+    @property
+    def _arguments(self) -> tuple[object, ...]:
+        recent = self._recent
+        about = self._rule, self._state, recent.t, recent.y, recent.n
+        return *about, recent.uncertainty, self._since
 
     def push(self, t: float, looks: bool, in_manoeuvre: bool) -> Doubt | None:
-        if not self._controls or not self._outputs:
-            return None
         if in_manoeuvre:
-            self._moved, self._since = t, None
-        elif looks:
-            self._look(t)
-        if self._since is None:
+            self._state.moved[0], self._since = t, np.nan
+        elif looks and self._applies:
+            self._since = self._look(*self._arguments)
+        if isnan(self._since):
             return None
         return Doubt("surfaces", Level.CAUTION, self._since, self._reason)
-
-    def _look(self, t: float) -> None:
-        extent, uncertainty = _extent(self._recent.window(REACTS_S)), self._recent.uncertainty
-        controls, outputs = self._controls, self._outputs
-        if self._surfaces_move(extent[controls], uncertainty[controls]):
-            self._moved, self._since = t, None
-        if t - self._moved < SWINGS_S:
-            self._quiet = np.full(len(outputs), np.inf)
-            return
-        swing = _extent(self._recent.window(SWINGS_S)[:, outputs])
-        self._quiet = np.fmin(self._quiet, swing)
-        if self._since is None:
-            least = np.fmax(self._moves, uncertainty[outputs])
-            moves = (extent[outputs] > least) & (swing > GROWS * self._quiet)
-            self._since = t if moves.any() else None
-        elif not (swing > self._moves).any():
-            self._since = None
-
-    def _surfaces_move(self, extent: Array, uncertainty: Array) -> bool:
-        """Whether a surface moves. Another than the planned one must make an input if that is dead.
-
-        extent, uncertainty: (n_controls,) of each surface.
-        """
-        if not self._all_changed:
-            self._has_changed |= extent > 0.0
-            self._all_changed = bool(self._has_changed[self._is_planned].all())
-        least = SMALLEST if self._all_changed else self._least_if_dead
-        return bool((extent > np.fmax(least, uncertainty)).any())
-
-
-def _extent(y: Array) -> Array:
-    """(k,) largest less smallest; NaN where a channel is unknown. y: (n, k)."""
-    return np.fmax.reduce(y, axis=0) - np.fmin.reduce(y, axis=0)

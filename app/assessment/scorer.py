@@ -245,6 +245,11 @@ class CausalScorer:
         return self._grid.counts
 
     @property
+    def n_accepted(self) -> int:
+        """Received samples that were used."""
+        return self._grid.n_accepted
+
+    @property
     def interval(self) -> float:
         return self._grid.interval
 
@@ -325,7 +330,7 @@ class CausalScorer:
             if begins:
                 self._restart(trim)
             known = sample.y - trim
-            y = sample.y - np.nan_to_num(trim)
+            y = np.where(np.isnan(trim), sample.y, known)
         if self._trim is not None and not self._trim.manoeuvre:
             reason = self._trim.reason
             assessment = self._authority.wait(sample, reason)

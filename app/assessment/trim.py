@@ -106,7 +106,7 @@ class CausalTrim:
             np.empty((round(RESTED / dt), len(threshold))),
         )
         compiled = self._rule, self._state
-        self._follow_one = entry(kernel.follow, *compiled, np.empty((1, n_channels)), 0)
+        self._follow_one = entry(kernel.follow_one, *compiled, np.empty(n_channels))
         self._begin = entry(kernel.begin, *compiled)
 
     @classmethod
@@ -142,16 +142,8 @@ class CausalTrim:
         if self._state.counts[kernel.HAS_TRIM]:
             if (np.isnan(self.level) & np.isfinite(self._state.trim)).any():
                 return BEYOND
-            unknown = [
-                key
-                for key, trim, moves in zip(
-                    self.planned.dictionary.keys,
-                    self._state.trim,
-                    np.isfinite(self._rule.moving),
-                    strict=True,
-                )
-                if np.isnan(trim) and moves
-            ]
+            unmeasured = np.isnan(self._state.trim) & np.isfinite(self._rule.moving)
+            unknown = [self.planned.dictionary.keys[c] for c in np.flatnonzero(unmeasured)]
             return moved(unknown) if unknown else RESTING if self.planned.controls else BY_HAND
         n_rest, counts = len(self._state.rest), self._state.counts
         if 0 < counts[kernel.BEYOND] == counts[kernel.N_REST]:
@@ -169,9 +161,7 @@ class CausalTrim:
 
     def update(self, y: Array) -> bool:
         """Add a sample (n_channels,). Returns whether a manoeuvre begins with it."""
-        before = self.manoeuvre
-        self._follow_one(self._rule, self._state, np.array([y]), 0)
-        return self.manoeuvre not in (0, before)
+        return bool(self._follow_one(self._rule, self._state, np.ascontiguousarray(y)))
 
     def follow(
         self,

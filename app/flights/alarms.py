@@ -12,7 +12,6 @@ unacknowledged and
 After an acknowledgement every onset raises a new alarm.
 """
 
-from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from math import inf
@@ -88,7 +87,7 @@ class Alarms:
         self._open: dict[str, Alarm] = {}
         self._closed: list[Alarm] = []
         self._number = 0
-        self._n_open = Counter[Level]()
+        self._n_open = dict.fromkeys(Level, 0)
         self._onsets: dict[AlarmKind, Onsets] = {kind: Onsets() for kind in ALARM_LEVELS}
         self._may_be_active = False
         self._evidence: dict[str, Alarm] = {}

@@ -191,6 +191,7 @@ class Flight(ABC):
         self._assessment: Assessment | None = None
         self._exceeds = False
         self.doubts: tuple[Doubt, ...] = ()
+        self._is_in_doubt = False
         self.exceeded_t: float | None = None
         monitor = plan.monitor
         keys = monitor.dictionary.keys
@@ -314,7 +315,8 @@ class Flight(ABC):
         return Facts(
             exceeds=self._exceeds and not self.is_over,
             alarm=self.alarms.n_open(Level.WARNING) > 0,
-            caution=self.alarms.n_open(Level.CAUTION) > 0 or self._is_in_doubt,
+            caution=self.alarms.n_open(Level.CAUTION) > 0
+            or (self._is_in_doubt and not self.is_over),
             alert=assessment is not None and bool(assessment.alert) and not self.is_over,
             stale=self.state is State.STALE,
             invalid=assessment is not None and assessment.state is State.INVALID,
@@ -322,10 +324,6 @@ class Flight(ABC):
             calibrated=self.is_checked,
             exceeded_t=self.exceeded_t,
         )
-
-    @property
-    def _is_in_doubt(self) -> bool:
-        return not self.is_over and any(doubt.level is Level.CAUTION for doubt in self.doubts)
 
     @property
     def headline(self) -> Headline:
@@ -664,6 +662,7 @@ class Flight(ABC):
     def _doubt(self, doubts: tuple[Doubt, ...]) -> None:
         if doubts != self.doubts:
             self.doubts = doubts
+            self._is_in_doubt = any(doubt.level is Level.CAUTION for doubt in doubts)
             self._raise_alarms(self.alarms.note_doubts(self.head, doubts, self.clock))
 
     def _judge(self, seq: int, assessment: Assessment) -> None:

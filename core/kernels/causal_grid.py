@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from core.kernels.compiled import inlined, jit
+from core.kernels.compiled import brief, inlined, jit
 from core.types import Array, Indices
 
 ON_GRID = 1e-6
@@ -76,24 +76,45 @@ def receive(state, settled, arrived, t, values, first, flight_t):
     sample, and whether the source's time is plausible; if not, it is by arrival.
     Returns (next sample to add, settled samples, room that the next one may need).
     """
-    n, clock = np.int64(0), state.clock
+    n = np.int64(0)
     for i in range(first, t.shape[0]):
-        while clock[DUE] <= arrived[i]:
-            n, is_full = _advance(state, settled, n, clock[DUE])
-            if is_full:
-                return i, n, settled.shape[0] + 1
-        room = _room_for(state)
-        if n + room > settled.shape[0]:
+        n, room, flight_t[i, 0], flight_t[i, 1] = _receive(
+            state, settled, n, arrived[i], t[i], values[i]
+        )
+        if room:
             return i, n, room
-        if state.counts[STOP] + 2 > state.rows.shape[0] and not _compact(state):
-            return i, n, -1
-        flight_t[i, 0], flight_t[i, 1] = _flight_time(state, arrived[i], t[i])
-        if _add(state, arrived[i], t[i], values[i]):
-            n, _ = _advance(state, settled, n, arrived[i])
     return t.shape[0], n, 0
 
 
-@jit
+@brief
+def receive_one(state, settled, arrived, t, values):
+    """Add one received sample. values: (k,).
+
+    Returns (settled samples, room that it needs before it can be added, 0 once it is added, flight
+    time, whether the source's time is plausible).
+    """
+    return _receive(state, settled, np.int64(0), arrived, t, values)
+
+
+@inlined
+def _receive(state, settled, n, arrived, t, values):
+    clock = state.clock
+    while clock[DUE] <= arrived:
+        n, is_full = _advance(state, settled, n, clock[DUE])
+        if is_full:
+            return n, settled.shape[0] + 1, np.nan, 0.0
+    room = _room_for(state)
+    if n + room > settled.shape[0]:
+        return n, room, np.nan, 0.0
+    if state.counts[STOP] + 2 > state.rows.shape[0] and not _compact(state):
+        return n, -1, np.nan, 0.0
+    flight_t, is_plausible = _flight_time(state, arrived, t)
+    if _add(state, arrived, t, values):
+        n, _ = _advance(state, settled, n, arrived)
+    return n, 0, flight_t, is_plausible
+
+
+@brief
 def advance(state, settled, now):
     """Settle what is due at a time [s]. Returns (samples, whether there may be more)."""
     n = np.int64(0)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from core.kernels.compiled import jit
+from core.kernels.compiled import brief, jit
 from core.types import Array, Flags, Indices
 
 DEPARTED_SAMPLES = 2
@@ -80,6 +80,14 @@ def follow(rule, state, y, first):
         if state.counts[MANOEUVRE] != before:
             return i + 1
     return y.shape[0]
+
+
+@brief
+def follow_one(rule, state, y):
+    """Follow one sample (n_channels,). Returns whether a manoeuvre begins with it."""
+    before = state.counts[MANOEUVRE]
+    _update(rule, state, y)
+    return state.counts[MANOEUVRE] != before and state.counts[MANOEUVRE] != 0
 
 
 @jit

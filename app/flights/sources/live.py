@@ -311,13 +311,15 @@ class LiveFlight(Flight):
         line = {"v": via, "s": batch.sequence, "b": msgspec.Raw(values)}
         written = self._record(line)
         self._note_batch(batch.sequence, values)
-        now, n_before, arrived = self.clock.now(), self.scorer.counts.accepted, line["a"]
+        now, n_before, arrived = self.clock.now(), self.scorer.n_accepted, line["a"]
         push = self.scorer.push
         assessed = [settled for sample in samples for settled in push(arrived, sample, via)]
-        if self.scorer.counts.accepted > n_before:
+        if self.scorer.n_accepted > n_before:
             self._last_arrival = now
-        self._show_all(assessed, now)
+        self._fly_all(assessed, now)
         self._judge_received()
+        if assessed or self.facts != self._facts:
+            self._show()
         self._settle_later()
         return AcceptedBatch(batch.sequence, len(samples), False, written, self._note_unread(batch))
 
@@ -327,8 +329,6 @@ class LiveFlight(Flight):
         if (doubts := self.scorer.doubts) != self.doubts:
             self._doubt(doubts)
             self._send_live()
-        if self.facts != self._facts:
-            self._show()
 
     def begin_manoeuvre(self, by: str) -> asyncio.Future[None]:
         """Begin a manoeuvre by hand. NotPossible while one is in progress."""
@@ -502,6 +502,11 @@ class LiveFlight(Flight):
         return self.scorer.forecast_ahead()
 
     def _show_all(self, assessed: list[LiveAssessed], now: float) -> None:
+        if assessed:
+            self._fly_all(assessed, now)
+            self._show()
+
+    def _fly_all(self, assessed: list[LiveAssessed], now: float) -> None:
         if not assessed:
             return
         self._lag.note(now - self._began, assessed[-1].assessment.t)
@@ -511,7 +516,6 @@ class LiveFlight(Flight):
             self._fly_one(sample, now)
         if self._newest_manoeuvre != n_begun:
             self._send_live()
-        self._show()
 
     def _fly_one(self, assessed: LiveAssessed, due: float) -> None:
         y, assessment, exceeded, attitude = self._flown(assessed)
