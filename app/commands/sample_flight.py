@@ -9,6 +9,7 @@ import numpy as np
 from app.commands.options.option import add_output, option
 from app.commands.output.results import check_file, print_result
 from core.channels import KEYS
+from core.planned_test.amplitude import HIGHEST_DEG
 from core.planned_test.collection import DatasetRecipe, evaluation_flights
 from core.simulation.aircraft import AIRCRAFT
 from core.simulation.published import MODELS
@@ -16,6 +17,7 @@ from core.types import Array
 from core.whole_file import write_whole
 
 COLUMNS = ("t_s", "beta_deg", "p_degps", "r_degps", "ay_g", "da_deg", "dr_deg")
+TEXTS = (".csv", ".txt")
 TRIM_S, TAIL_S = 5.0, 2.0
 """[s] Recorded in trim before the planned test, and after its end."""
 FLIGHTS = 100
@@ -30,7 +32,12 @@ def add(parser: argparse.ArgumentParser) -> None:
         choices=tuple(MODELS),
         default=next(iter(MODELS)),
     )
-    option(parser, "--amplitude DEG", "of the doublet, the usual one if absent", type=float)
+    option(
+        parser,
+        "--amplitude DEG",
+        "of the doublet, negative for the other side first; the usual one if absent",
+        type=float,
+    )
     option(parser, "--seed NUMBER", "of the aircraft", type=int, default=0)
     option(
         parser,
@@ -45,8 +52,14 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Write a flight of the aircraft's usual test; the same seed writes the same flight."""
     out = check_file(options.out)
+    if out.suffix.lower() not in TEXTS:
+        raise ValueError(f"--out {out}: a CSV file is written: end its name in {TEXTS[0]}")
     recipe = replace(DatasetRecipe.usual(AIRCRAFT[options.aircraft]), seed=options.seed)
     if options.amplitude is not None:
+        if not abs(options.amplitude) <= HIGHEST_DEG:
+            raise ValueError(
+                f"--amplitude {options.amplitude:g}: give -{HIGHEST_DEG:g} to {HIGHEST_DEG:g} deg"
+            )
         recipe = replace(recipe, maneuver=recipe.maneuver.with_peak(options.amplitude))
     recorded_s = recipe.maneuver.duration_s + TAIL_S
     flown = replace(recipe, maneuver=replace(recipe.maneuver, duration_s=recorded_s))
@@ -55,10 +68,10 @@ def run(options: argparse.Namespace) -> int:
     matching = np.flatnonzero(wanted.get(options.outcome, np.ones(FLIGHTS)))
     if len(matching) == 0:
         is_higher = options.outcome == "unsafe"
-        lacks, change = ("exceeds", "larger") if is_higher else ("keeps", "smaller")
+        lacks, change = ("exceeds", "further from 0") if is_higher else ("keeps", "nearer to 0")
         raise ValueError(
             f"none of {FLIGHTS} flights at {recipe.maneuver.peak_deg:g} deg {lacks} its limit: "
-            f"give a {change} --amplitude"
+            f"give an --amplitude {change}"
         )
     number = int(matching[0])
     write_whole(out, table(flights.y[number], recipe.dt).encode())

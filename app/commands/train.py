@@ -18,7 +18,7 @@ from app.commands.options.recipe import (
     plain_recipe,
     print_recipe,
 )
-from app.commands.output.results import check_file, print_result, progress_bar
+from app.commands.output.results import check_file, print_result, progress_bar, stage_bar
 from app.commands.output.scores import read_mapping
 from app.jobs.requests import N_TEST
 from app.jobs.training import (
@@ -132,7 +132,8 @@ def run(options: argparse.Namespace) -> int:
     check_epsilon(recipe.monitor.epsilon, recipe.dataset.n_unsafe, recipe.monitor.guarantee)
     check_file(options.out)
     dataset = simulated(recipe.dataset)
-    training = train_and_test(dataset, recipe.monitor, recipe.n_test, lambda *_: None)
+    with stage_bar("training") as show:
+        training = train_and_test(dataset, recipe.monitor, recipe.n_test, show)
     return _finish(options, training)
 
 
@@ -149,14 +150,9 @@ def run_on_simulator(options: argparse.Namespace) -> int:
     dataset = simulated(test)
     flights = dataset.flights()
     test.flown_by.check_unlike(flights.y)
-    training = train_on_simulator(
-        dataset,
-        recipe,
-        test,
-        n_test,
-        lambda *_: None,
-        choose=not plain.keys() & {"predictor", "score"},
-    )
+    with stage_bar("training") as show:
+        choose = not plain.keys() & {"predictor", "score"}
+        training = train_on_simulator(dataset, recipe, test, n_test, show, choose=choose)
     return _finish(options, training, doubts_of(flights))
 
 
@@ -200,7 +196,8 @@ def run_on_rollouts(options: argparse.Namespace) -> int:
     check_file(options.out)
     dataset, findings = rollouts_of(options, recipe).to_dataset()
     choose = not plain.keys() & {"predictor", "score"}
-    training = train_on_flights(dataset, recipe, choose, lambda *_: None)
+    with stage_bar("training") as show:
+        training = train_on_flights(dataset, recipe, choose, show)
     return _finish(options, training, findings)
 
 

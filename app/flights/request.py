@@ -117,10 +117,8 @@ class FlightRequest(BaseModel):
 
     def _check_set(self) -> None:
         if (self.monitor is None) == (self.monitor_set is None):
-            raise ValueError(
-                f"{'neither' if self.monitor is None else 'both'} monitor and monitor_set given: "
-                "give the id of one of them"
-            )
+            given = "no monitor" if self.monitor is None else "both a monitor and a monitor_set"
+            raise ValueError(f"{given} was given: give the id of one, as monitor or monitor_set")
         beside = {"monitors": self.monitors, "epsilon": self.epsilon, "limit_set": self.limit_set}
         given = [name for name, value in beside.items() if value]
         if self.monitor_set is not None and given:

@@ -211,7 +211,7 @@ def train_and_test(
     monitor, not_calibrated = _with_validity(monitor, dataset, simulated, progress)
     if n_test == 0:
         return Training(dataset, monitor, not_calibrated=not_calibrated)
-    progress(f"flying {n_test} fresh flights", 2, 3)
+    progress(f"certifying on {n_test} fresh flights", 2, 3)
     monitor, test = with_test(monitor, simulated, n_test, dataset.unsafe_rate)
     progress("done", 3, 3)
     return Training(dataset, monitor, test, not_calibrated)
@@ -239,11 +239,13 @@ def train_on_simulator(
     if choose:
         tried = evaluation_flights(test, CHOICE_FLIGHTS, Branch.CHOICE)
         choosing = replace(dataset.flights(), **tried._asdict())
+    if choosing is not None:
+        progress(f"trying the methods on {len(choosing.y)} fresh flights", 0, 3)
     monitor, methods = _learned(dataset, recipe, choosing, learning, failures)
     monitor, not_calibrated = _with_validity(monitor, dataset, test, progress)
     if n_test == 0:
         return Training(dataset, monitor, not_calibrated=not_calibrated)
-    progress(f"flying {n_test} fresh flights", 2, 3)
+    progress(f"certifying on {n_test} fresh flights", 2, 3)
     monitor, flown = with_test(monitor, test, n_test, dataset.unsafe_rate)
     support = monitor.support
     n_valid = 0 if support is None else len(support.safe) + len(support.unsafe)
@@ -402,15 +404,18 @@ def train_on_flights(
         recipe_of = recipe_of | {FLOWN: dataset.recipe.get(FLOWN, [])}
         dataset = dataset.without_theta()  # flown flights have none
     dataset = replace(dataset, recipe=recipe_of)
-    progress("training", 0, 2)
+    progress("training", 0, 3)
     more = checking.y, checking.fail_index
+    if choose:
+        progress(f"trying the methods on {len(choosing.y)} held-out flights", 0, 3)
     monitor, methods = _learned(dataset, recipe, choosing if choose else None, more)
+    progress(f"calibrating validity on {len(checking.y)} held-out flights", 1, 3)
     not_calibrated = ""
     try:
         monitor = with_validity(monitor, dataset, [(checking.y, checking.fail_index)])
     except SupportError as error:
         not_calibrated = str(error)
-    progress(f"testing on {len(testing.y)} held-out flights", 1, 2)
+    progress(f"certifying on {len(testing.y)} held-out flights", 2, 3)
     test, _ = _tested(monitor, testing.y, testing.fail_index)
     if origins := _by_origin(monitor, testing):
         test = replace(test, groups=test.groups | {"origin": origins})
@@ -421,7 +426,7 @@ def train_on_flights(
     if flights.flown:
         own |= {"flown": _used(parts), "calibrated_on": _calibrated_on(dataset, monitor)}
     monitor = replace(monitor, evaluation=(monitor.evaluation or {}) | own | methods)
-    progress("done", 2, 2)
+    progress("done", 3, 3)
     return Training(dataset, monitor, test, not_calibrated)
 
 

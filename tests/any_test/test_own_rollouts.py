@@ -1,7 +1,8 @@
 """Flights of somebody's own simulator, in the files that numpy, pandas and MATLAB write."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pandas as pd
 import pytest
 
 from app.cli import main
+from app.commands import train as train_command
 from app.telemetry.recording import TelemetryError
 from app.telemetry.rollouts import GivenDictionary, read_dictionary, read_rollouts
 from core.channels import Dictionary
@@ -28,6 +30,7 @@ from tests.support.rollout_files import (
     as_matlab_7_3,
     as_npz,
     flights,
+    npz,
     table,
 )
 from tests.support.short_period import DICTIONARY, DT
@@ -310,3 +313,23 @@ def test_the_certificate_names_the_limits_and_the_parts_of_the_flights(
     assert "normal acceleration N_z above -1.1 g and below 2.9 g" in text
     assert "800 train and calibrate" in text
     assert "Methods tried" not in text
+
+
+def test_the_command_shows_which_stage_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown: list[str] = []
+
+    @contextmanager
+    def bar(label: str) -> Iterator[Callable[[str, int, int], None]]:
+        yield lambda stage, done, total: shown.append(stage)
+
+    monkeypatch.setattr(train_command, "stage_bar", bar)
+    path = tmp_path / "a.npz"
+    path.write_bytes(npz(flights(300)))
+    words = ["train", "--rollouts", path, "--limit", "Nz=-1.1..2.9g", "--out", tmp_path / "a.fwm"]
+    assert main([*map(str, words), "--epsilon", "0.3", "--guarantee", "average"]) == 0
+    stages = [stage.split(" on ")[0] for stage in shown]
+    assert stages == [
+        *("training", "trying the methods", "calibrating validity", "certifying", "done")
+    ]

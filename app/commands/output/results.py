@@ -18,8 +18,8 @@ def print_result(options: argparse.Namespace, text: str, plain: Any) -> None:
 
 
 @contextmanager
-def progress_bar(label: str) -> Iterator[Callable[[int, int], None]]:
-    """Show a bar while the block runs. It yields a function to call with (done, total)."""
+def stage_bar(label: str) -> Iterator[Callable[[str, int, int], None]]:
+    """Show a bar while the block runs. It yields a function to call with (stage, done, total)."""
     from rich.console import Console  # slow to import, not needed for help
     from rich.progress import (
         BarColumn,
@@ -30,12 +30,26 @@ def progress_bar(label: str) -> Iterator[Callable[[int, int], None]]:
     )
 
     console = Console(stderr=True)
-    columns = (TextColumn(label), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+    )
     with Progress(
         *columns, console=console, transient=True, disable=not console.is_terminal
     ) as bar:
         task = bar.add_task(label, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+        yield lambda stage, done, total: bar.update(
+            task, description=stage, completed=done, total=total
+        )
+
+
+@contextmanager
+def progress_bar(label: str) -> Iterator[Callable[[int, int], None]]:
+    """A bar of one stage. It yields a function to call with (done, total)."""
+    with stage_bar(label) as show:
+        yield lambda done, total: show(label, done, total)
 
 
 class DestinationError(ValueError):

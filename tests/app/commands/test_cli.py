@@ -112,7 +112,7 @@ def test_a_sample_flight_uses_the_aircraft_and_amplitude_given(tmp_path: Path, c
     deflection = np.abs(np.genfromtxt(path, delimiter=",", names=True)["dr_deg"]).max()
     assert 1.5 < deflection < 3.5  # with the damper
     assert main([*chosen, "--amplitude", "0.1"]) == 1
-    assert "give a larger --amplitude" in capsys.readouterr().err
+    assert "--amplitude further from 0" in capsys.readouterr().err
 
 
 def test_train_score_report_and_study_print_json(tmp_path: Path, monkeypatch, capsys):
@@ -199,4 +199,21 @@ def test_bad_input_gets_one_line_and_leaves_nothing(
     error = capsys.readouterr().err.strip()
     assert message in error
     assert len(error.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--amplitude", "999"], "-45 to 45 deg"),
+        (["--amplitude=-46"], "-45 to 45 deg"),
+        (["--out", "flight.xlsx"], ".csv"),
+    ],
+)
+def test_a_sample_flight_that_cannot_be_written_is_one_clear_error(
+    words: list[str], told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["sample-flight", *words]) == 1
+    assert told in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []

@@ -371,8 +371,8 @@ def test_a_declared_condition_chooses_the_monitor_of_a_simulated_flight(run: Cal
 @pytest.mark.parametrize(
     ("asked", "words"),
     [
-        ({"monitor": "m"}, "both monitor and monitor_set"),
-        ({"monitor_set": None}, "neither monitor"),
+        ({"monitor": "m"}, "both a monitor and a monitor_set"),
+        ({"monitor_set": None}, "no monitor was given"),
         ({"epsilon": 0.1}, "leave out epsilon"),
         ({"limit_set": "l"}, "leave out limit_set"),
         ({"monitors": ["m"]}, "leave out monitors"),
