@@ -34,9 +34,10 @@ from tests.studies.study_command import Progress, run_study
 
 RULES = "known", "identified", "calibrated"
 RETRAINED = "retrained"
-"""A monitor of the program for each aircraft as identified: 1 s of processor time each."""
-BY = "retrained, epsilon", "retrained, chance"
-"""It aborts at an epsilon, or from a chance of an exceedance: the same for all aircraft."""
+"""Clearance and monitor of a campaign, a monitor for each aircraft as identified."""
+BY = "retrained, epsilon", "retrained, chance", "retrained, promise"
+"""The monitor aborts at an epsilon, from a chance of an exceedance, or at the epsilon that keeps
+the promise of the clearance with its monitor: the same for all aircraft."""
 CEILING = "ceiling"
 AFFORDED = 0.25
 """Share of the safe points that may be lost."""
@@ -44,8 +45,6 @@ REFUSED = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, WITHOUT)
 """Chances of an exceedance before the flight from which a point is refused."""
 ABORTED = (0.04, 0.07, 0.1, 0.13, 0.16, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.7, WITHOUT)
 """Chances in flight from which it is aborted."""
-LEAD_S = 0.5
-"""Lead of the monitors: of the reaction, and of the motion that goes on."""
 WINDOWS_S = 1.0, 1.5, 10.0
 """Times to look ahead in flight; the last one is the rest."""
 N_CANDIDATES, N_RESAMPLED = 64, 1000
@@ -133,8 +132,10 @@ def ceiling_study(recipe: CeilingRecipe, progress: Progress | None = None) -> li
                 progress(of_test * len(recipe.rules) + number, total)
             variants, first = ruled(build_up, rule), build_up.flown[0].is_unsafe
             if rule == RETRAINED:
+                of_pairs = counts_of, counts_of, counts_of_promises
                 counts |= {
-                    by: counts_of([each], first) for by, each in zip(BY, variants, strict=True)
+                    by: count([each], first)
+                    for by, count, each in zip(BY, of_pairs, variants, strict=True)
                 }
             else:
                 counts[rule] = counts_of(variants, first)
@@ -152,7 +153,7 @@ def ruled(build_up: FlownBuildUp, rule: str) -> list[tuple[PointOutcomes, ...]]:
     if rule == "calibrated":
         return [tuple(build_up.outcomes(number) for number in numbers)]
     if rule == RETRAINED:
-        pairs = [retrained(build_up, number, LEAD_S, REFUSED, ABORTED) for number in numbers]
+        pairs = [retrained(build_up, number, ABORTED) for number in numbers]
         return list(zip(*pairs, strict=True))
     foreseen = [_foreseen(build_up, number, rule) for number in numbers]
     return list(zip(*foreseen, strict=True))
@@ -205,6 +206,17 @@ def counts_of(variants: Sequence[Sequence[PointOutcomes]], over: Flags) -> Indic
             counted_each(points, over, refused, aborted)
             for points in variants
             for refused, aborted in product(points[0].cleared, points[0].aborted)
+        ]
+    )
+
+
+def counts_of_promises(variants: Sequence[Sequence[PointOutcomes]], over: Flags) -> Indices:
+    """Counts (n_choices, n, 5) of each aircraft, with one promise for clearance and monitor."""
+    return np.stack(
+        [
+            counted_each(points, over, promise, promise)
+            for points in variants
+            for promise in points[0].cleared
         ]
     )
 

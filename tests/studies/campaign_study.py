@@ -17,7 +17,14 @@ from matplotlib.figure import Figure
 
 from app.report.studies.study_figures import COLOURS, DASHES, STYLE
 from core.bounds import Bounds, check_bounds
-from core.clearance.clearance import BATCH, BuildUp, ClearanceRecipe, PointPredictor, calibrate
+from core.clearance.clearance import (
+    BATCH,
+    BuildUp,
+    Clearance,
+    ClearanceRecipe,
+    PointPredictor,
+    calibrate,
+)
 from core.evaluation.lead_sweep import METHODS, TESTS, planned_tests
 from core.evaluation.prevention import neutral_from, unit_reactions
 from core.evaluation.rates import clopper_pearson, first_alerts
@@ -251,17 +258,13 @@ class FlownBuildUp:
         except CollectionError:
             return None
 
-    def _cleared(self, number: int) -> dict[float, Flags]:
-        """Whether each aircraft's point is cleared from the steps before it, by epsilon."""
+    def clearance(self, number: int, epsilon: float) -> tuple[Clearance, Array, Flags]:
+        """Clearance of a point, the p-value of each aircraft, and whether no check fails."""
         recipe = self._recipe
-        everyone: Flags = np.ones(recipe.n_flown, bool)
-        epsilons = [epsilon for epsilon in recipe.clearance_epsilons if epsilon < WITHOUT]
-        if not epsilons:
-            return {WITHOUT: everyone}
         rule = calibrate(
             BuildUp(tuple(self.points[:number]), self.points[number]),
             ClearanceRecipe(
-                epsilon=min(epsilons),
+                epsilon=epsilon,
                 guarantee=recipe.guarantee,
                 n_exceeding=recipe.n_exceeding,
                 n_aircraft=recipe.n_aircraft,
@@ -278,7 +281,16 @@ class FlownBuildUp:
                 np.where(below, 0.0, 1.0) if rule.is_rare else rule.p_values(prediction.score)
             )
             unflagged.append((prediction.checks <= rule.levels).all(axis=1))
-        p, unflagged = np.concatenate(p_values), np.concatenate(unflagged)
+        return rule, np.concatenate(p_values), np.concatenate(unflagged)
+
+    def _cleared(self, number: int) -> dict[float, Flags]:
+        """Whether each aircraft's point is cleared from the steps before it, by epsilon."""
+        recipe = self._recipe
+        everyone: Flags = np.ones(recipe.n_flown, bool)
+        epsilons = [epsilon for epsilon in recipe.clearance_epsilons if epsilon < WITHOUT]
+        if not epsilons:
+            return {WITHOUT: everyone}
+        rule, p, unflagged = self.clearance(number, min(epsilons))
         cleared = {
             epsilon: (p <= alert_above(epsilon, max(rule.n_exceeding, 1), recipe.guarantee))
             & unflagged

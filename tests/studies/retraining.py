@@ -1,90 +1,92 @@
-"""The product's way in the ceiling study: a monitor for each aircraft, trained as identified."""
+"""The program's way in the ceiling study: its clearance, and a monitor of each aircraft."""
 
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from math import inf, log
 
 import numpy as np
 
-from core.clearance.clearance import BATCH, BuildUp, ClearanceRecipe, PointPredictor
-from core.monitor import MonitorRecipe, train
-from core.monitor.predictor import InputFilter
-from core.monitor.score import CardWindow
-from core.planned_test.collection import CollectionError, card_of, collect
+from core.clearance.clearance import Clearance, ClearanceError
+from core.clearance.identification import FlownSegment, identify_test
+from core.clearance.with_monitor import CLEARED, monitor_of, with_monitor
+from core.planned_test.collection import CollectionError
 from core.simulation.aircraft import IdentifiedAircraft
-from core.types import Array
+from core.types import Flags
 from tests.studies.campaign_study import WITHOUT, FlownBuildUp, PointOutcomes
 
+CLEARED_UP_TO = (0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, WITHOUT)
+"""Largest p-values of a cleared point."""
 EPSILONS = (0.02, 0.03, 0.05, 0.08, 0.1, 0.15, 0.2, 0.3, 0.4, WITHOUT)
-METHOD = InputFilter(), CardWindow(n_after=20)
-N_UNSAFE, MOST_ROLLOUTS, MOST_SAFE = 120, 12_000, 1_500
-"""Failures that train and calibrate a monitor, out of at most so many rollouts."""
+PROMISES = (0.02, 0.05, 0.1, 0.2, 0.3)
+"""Epsilons of a clearance with its monitor."""
 
 
 def retrained(
-    build_up: FlownBuildUp,
-    number: int,
-    lead_s: float,
-    refused: tuple[float, ...],
-    chances: tuple[float, ...],
-) -> tuple[PointOutcomes, PointOutcomes]:
-    """One point, refused by the share of failing rollouts of the aircraft as identified, and
-    aborted by a monitor trained on them: at an epsilon, and from a chance of an exceedance.
+    build_up: FlownBuildUp, number: int, chances: tuple[float, ...]
+) -> tuple[PointOutcomes, PointOutcomes, PointOutcomes]:
+    """One point, cleared by its p-value, with a monitor of the aircraft as identified.
 
-    The chance is the score of the monitor, which turns it into the epsilon of each aircraft. Where
-    too few rollouts fail to train a monitor the point is flown without one.
+    The flight is aborted at an epsilon, from a chance of an exceedance, or at the epsilon that the
+    promise of a clearance with its monitor gives. The chance is the score of the monitor, which
+    turns it into the epsilon of each aircraft. Where too few rollouts fail to train a monitor the
+    point is flown without one.
     """
     flown = build_up.flown[number]
     n, n_samples = flown.y.shape[:2]
-    share, t = np.zeros(n), np.arange(n_samples) * build_up.points[number].dt
-    by_epsilon, by_chance = (
-        {level: np.full(n, n_samples) for level in levels} for levels in (EPSILONS, chances)
+    t = np.arange(n_samples) * build_up.points[number].dt
+    rule, p, unflagged = build_up.clearance(number, min(PROMISES))
+    promised = _promised(rule)
+    by_epsilon, by_chance, by_promise = (
+        {level: np.full(n, n_samples) for level in levels}
+        for levels in (EPSILONS, chances, PROMISES)
     )
     for i, aircraft in enumerate(identified(build_up, number)):
-        planned = replace(
-            build_up.points[number],
-            aircraft=aircraft,
-            n_unsafe=N_UNSAFE,
-            seed=build_up.seed[0] + i,
-            max_rollouts=MOST_ROLLOUTS,
-            max_safe=MOST_SAFE,
-        )
+        planned = replace(build_up.points[number], aircraft=aircraft, seed=build_up.seed[0] + i)
         try:
-            dataset = collect(planned)
-        except CollectionError as error:
-            share[i] = float("rollouts were unsafe, but" in str(error))
+            monitor = monitor_of(planned)
+        except CollectionError:
             continue
-        share[i] = dataset.unsafe_rate
-        method = MonitorRecipe(lead_s, predictor=METHOD[0], score=METHOD[1])
-        monitor = train(dataset, method, card=card_of(planned))
         assessed = monitor.assess(t, flown.y[i], withdraw=False)
-        for alerts, risk in ((by_epsilon, assessed.p_value), (by_chance, -assessed.score)):
-            for level, first in alerts.items():
-                over = risk > (_log_odds(level) if alerts is by_chance else level)
-                first[i] = over.argmax() if over.any() else n_samples
-    cleared = {level: (share < level) | (level == WITHOUT) for level in refused}
-    both = (build_up.aborting(number, cleared, alerts) for alerts in (by_epsilon, by_chance))
-    return next(both), next(both)
+        for level, first in by_epsilon.items():
+            first[i] = _first(assessed.p_value > level)
+        for level, first in by_chance.items():
+            first[i] = _first(-assessed.score > _log_odds(level))
+        for promise, first in by_promise.items():
+            first[i] = _first(assessed.p_value > promised[promise])
+    cleared = {level: (p <= level) & unflagged | (level == WITHOUT) for level in CLEARED_UP_TO}
+    together = {
+        promise: (p <= CLEARED) & unflagged & (epsilon > 0.0)
+        for promise, epsilon in promised.items()
+    }
+    return (
+        build_up.aborting(number, cleared, by_epsilon),
+        build_up.aborting(number, cleared, by_chance),
+        build_up.aborting(number, together, by_promise),
+    )
+
+
+def _first(over: Flags) -> int:
+    return int(over.argmax()) if over.any() else len(over)
 
 
 def _log_odds(chance: float) -> float:
     return log(chance / (1.0 - chance)) if chance < WITHOUT else inf
 
 
-def identified(build_up: FlownBuildUp, number: int) -> list[IdentifiedAircraft]:
-    """Each aircraft as identified from the steps before a point."""
-    points = BuildUp(tuple(build_up.points[:number]), build_up.points[number])
-    predictor = PointPredictor(points, ClearanceRecipe(n_draws=8))
-    base, found = build_up.points[number].aircraft, []
-    for first in range(0, len(build_up.theta), BATCH):
-        records = [step.y[first : first + BATCH] for step in build_up.flown[:number]]
-        posterior = predictor.predict(records).posterior
-        for mean, covariance in zip(posterior.mean, posterior.covariance, strict=True):
-            theta, slopes = _linear(predictor, mean)
-            found.append(IdentifiedAircraft.of(base, theta, slopes @ covariance @ slopes.T))
-    return found
+def _promised(rule: Clearance) -> dict[float, float]:
+    """Epsilon of the monitor for each promise; 0 where no monitor keeps it."""
+    together, epsilons = with_monitor(rule), dict.fromkeys(PROMISES, 0.0)
+    for promise in PROMISES:
+        with suppress(ClearanceError):
+            recipe = replace(rule.recipe, epsilon=promise)
+            epsilons[promise] = replace(together, recipe=recipe).epsilon
+    return epsilons
 
 
-def _linear(predictor: PointPredictor, mean: Array) -> tuple[Array, Array]:
-    """Parameters at a mean of deviates, and their derivatives (n_parameters, n_deviates)."""
-    moved = predictor.plant.theta_of(mean + np.vstack([np.zeros(len(mean)), np.eye(len(mean))]))
-    return moved[0], (moved[1:] - moved[0]).T
+def identified(build_up: FlownBuildUp, number: int) -> Iterator[IdentifiedAircraft]:
+    """Each aircraft as a campaign identifies it from the steps before a point."""
+    test = build_up.points[number]
+    for i in range(len(build_up.theta)):
+        segments = [FlownSegment(step.y[i], test.dt) for step in build_up.flown[:number]]
+        yield identify_test(test, segments).identified
