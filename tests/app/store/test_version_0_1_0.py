@@ -77,7 +77,7 @@ def assert_answers(entry: Any, answer: dict[str, Any], *others: str) -> None:
 def test_dataset_and_monitor_are_those_that_were_trained(store: Store) -> None:
     answer = ANSWERS[f"monitors/{MONITOR}"]
     info = store.monitors.info(MONITOR)
-    assert_answers(info, answer, "specification", "warnings", "dictionary")
+    assert_answers(info, answer, "specification", "missed", "quiet", "warnings", "dictionary")
     assert info.dictionary is None
     assert info.specification == info.dataset_recipe["specification"]
     assert store.datasets.get(answer["dataset_id"]).digest() == answer["dataset_digest"]
