@@ -145,6 +145,7 @@ class LabelledFlights:
             raise RolloutsError(f"dt={dt} s was given: give a positive sample interval")
         y = _completed(y, dt, dictionary, [each is not None for each in flown])
         fail, findings = labels(y, fail_index, limits)
+        _check_finite(y, fail, dictionary)
         theta = np.empty((len(y), 0)) if theta is None else np.array(theta, np.float64)
         if theta.ndim != 2 or len(theta) != len(y):
             raise RolloutsError(f"theta has shape {theta.shape}: give one row for each of {len(y)}")
@@ -246,6 +247,20 @@ def _no_control(dictionary: Dictionary) -> list[str]:
         "no channel has the role control, so fewer methods apply and the response "
         "of the aircraft is not checked: give a dictionary in which a channel has it"
     ]
+
+
+def _check_finite(y: Array, fail: Indices, dictionary: Dictionary) -> None:
+    """RolloutsError for infinite values up to the failure. fail: (n,) n_samples for none."""
+    flown = np.arange(y.shape[1]) <= fail[:, np.newaxis]
+    infinite = np.isinf(y) & flown[..., np.newaxis]
+    flights = np.flatnonzero(infinite.any(axis=(1, 2)))
+    if flights.size:
+        key = dictionary.keys[infinite[flights[0]].any(axis=0).argmax()]
+        raise RolloutsError(
+            f"infinite values in {counted(flights.size, 'flight')}, the first in {key} of flight "
+            f"{flights[0] + 1}: leave unknown values empty, and end a flight where its simulation "
+            "diverges"
+        )
 
 
 def labels(

@@ -211,6 +211,11 @@ def test_findings_are_kept_with_the_dataset(client: TestClient) -> None:
         ({"y": flights().astype(object)}, LIMIT, "y holds objects"),
         ({"y": flights() + 1j}, LIMIT, "y holds complex numbers"),
         ({"y": np.full((6, 5, 4), np.nan)}, LIMIT, "no number that is finite"),
+        (
+            {"y": np.where(flights() == flights()[1, 3, 0], np.inf, flights())},
+            LIMIT,
+            "infinite values in 1 flight, the first in alpha of flight 2",
+        ),
         ({"dt": -0.05}, LIMIT, "dt is -0.05"),
         ({"dt": [0.05] * 5 + [0.1]}, LIMIT, "dt is 0.05, 0.1"),
         ({"dt": "0.05"}, LIMIT, "dt holds text"),
