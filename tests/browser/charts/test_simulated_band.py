@@ -46,7 +46,8 @@ SPAN = """
     let [low, high] = [Infinity, -Infinity];
     for (let i = 0; i < first.length; i += 1) {
         const x = i % width;
-        if (x >= GUTTER && first[i] !== second[i]) [low, high] = [Math.min(low, x), Math.max(high, x)];
+        if (x < GUTTER || first[i] === second[i]) continue;
+        [low, high] = [Math.min(low, x), Math.max(high, x)];
     }
     return [low, high];
 """
