@@ -679,9 +679,8 @@ def plain_frame(
         frame["taken"] = round(taken * 1e3, 3)
     if ahead is not None:
         frame["ahead"] = plain_ahead(ahead)
-    known = [round(angle, 5) if isfinite(angle) else None for angle in attitude]
-    if known != [None, None, None]:
-        frame["attitude"] = known
+    if any(map(isfinite, attitude)):
+        frame["attitude"] = [round(angle, 5) for angle in attitude]
     if is_integrated:
         frame["integrated"] = True
     if display:
