@@ -42,5 +42,5 @@ export function promiseWords({ recipe, n_exceeding: n, n_tried: tried, p_value: 
   if (p === null) return `${n} of ${count(tried)} simulated aircraft exceed a limit here${most === null ? "" : ` (at most ${percentAtMost(most)}, 95 % confidence)`}: too few to calibrate on. The prediction alone decides.`;
   const how = recipe.guarantee === "average" ? "on average over calibrations" : "with 95 % confidence";
   const missed = epsilon ? `flown without an alert in time, with this point's monitor at ε = ${figure(epsilon, 2)}` : "cleared";
-  return `At most ${percent(recipe.epsilon)} of the points that would exceed a limit are ${missed}, ${how}. Calibrated on ${n} simulated aircraft that exceed a limit.`;
+  return `At most ${percent(recipe.epsilon)} of the points that would exceed a limit are ${missed}, ${how}. The p-value is calibrated on ${n} simulated aircraft that exceed a limit.`;
 }
