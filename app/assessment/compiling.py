@@ -9,6 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from app.assessment.planned_test import known_test
+from app.assessment.scorer import CausalScorer
+from app.assessment.trim import CausalTrim
 from core.kernels.compiled import cache_directory
 from core.monitor import Monitor
 
@@ -47,7 +50,9 @@ def make_ready(monitor: Monitor) -> None:
 
 
 def warm_up(monitor: Monitor) -> None:
-    """Assess a few samples of zeros."""
+    """Assess a few samples of zeros; the grid, the trim and the checks compile when made."""
+    CausalScorer(monitor, monitor.recipe.epsilon, delay=0.0, trim="none")
+    CausalTrim(known_test(monitor))
     stream = monitor.stream(monitor.recipe.epsilon)
     nothing = np.zeros(len(monitor.dictionary))
     for k in range(monitor.recipe.n_delay + 2):

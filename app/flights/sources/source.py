@@ -305,10 +305,10 @@ class Live(Source):
             display=opening.display,
             monitors=opening.monitors,
         )
-        setup.scorer()  # refuses a delay that is not shorter than the lead
         members = opening.monitors.members if opening.monitors else [monitor]
         for flown in (*members, *(shown.monitor for shown in opening.display)):
             make_ready(flown)
+        setup.scorer()  # refuses a delay that is not shorter than the lead
         return setup
 
 

@@ -30,9 +30,19 @@ def test_another_process_compiles_once_on_a_machine(
     assert (tmp_path / COMPILED).exists()
 
 
-def test_the_other_process_does_what_it_is_for() -> None:
+EVERY_KERNEL = """
+from core.kernels.causal_grid import advance, receive_one
+from core.kernels.causal_trim import begin, follow_one
+from core.kernels.input_motion import look, roughness
+from core.kernels.live_call import update_at
+for kernel in (advance, receive_one, begin, follow_one, look, roughness, update_at):
+    assert kernel.signatures, kernel
+"""
+
+
+def test_the_other_process_compiles_every_kernel_of_a_live_sample() -> None:
     done = subprocess.run(
-        [sys.executable, "-c", compiling.APART],
+        [sys.executable, "-c", compiling.APART + EVERY_KERNEL],
         input=exact_monitor().to_bytes(),
         capture_output=True,
         check=False,
