@@ -9,6 +9,7 @@
  *     {canvas, pen, width, height, palette, hatches, resize(width, height), setPalette(palette), clear(name "")}
  *     resize: to px of the page
  *     clear: empties it but for a name in the gutter; the pen's origin is then the plot's left edge
+ *     clearPlot(): the same right of the gutter.   isFresh: whether nothing was drawn since a resize or a new palette
  * GUTTER    width of the value axis left of the plot [units]
  * unit() -> px of the page: a sixteenth of a rem, so that canvases grow with the text beside them
  */
@@ -99,7 +100,7 @@ function createFolds(strips, elements, rows, changed) {
 
 export function createSheet(canvas) {
   const pen = canvas.getContext("2d", { alpha: false });
-  const sheet = { canvas, pen, width: 1, height: 1, palette: {}, hatches: {}, resize, setPalette, clear };
+  const sheet = { canvas, pen, width: 1, height: 1, palette: {}, hatches: {}, resize, setPalette, clear, clearPlot, isFresh: true };
   let ratio = 1;
 
   function resize(width, height) {
@@ -108,12 +109,12 @@ export function createSheet(canvas) {
     ratio = px * dense;
     canvas.width = Math.round(width * dense);
     canvas.height = Math.round(height * dense);
-    Object.assign(sheet, { width: width / px, height: height / px });
+    Object.assign(sheet, { width: width / px, height: height / px, isFresh: true });
   }
 
   function setPalette(palette) {
     const made = ["stale", "alert", "warming"].map((name) => [name, hatch(pen, name, palette)]);
-    Object.assign(sheet, { palette, hatches: Object.fromEntries(made) });
+    Object.assign(sheet, { palette, hatches: Object.fromEntries(made), isFresh: true });
   }
 
   function clear(name = "") {
@@ -127,6 +128,13 @@ export function createSheet(canvas) {
     pen.fillStyle = palette.dim;
     pen.fillText(name, GUTTER - 6, height / 2);
     pen.translate(GUTTER, 0);
+    sheet.isFresh = false;
+  }
+
+  function clearPlot() {
+    pen.setTransform(ratio, 0, 0, ratio, ratio * GUTTER, 0);
+    pen.fillStyle = sheet.palette.panel;
+    pen.fillRect(0, 0, sheet.width - GUTTER, sheet.height);
   }
 
   return sheet;

@@ -51,13 +51,13 @@ export function createStrip(canvas, strip) {
   function draw(frame) {
     const seen = extremes(frame);
     strip.axis.fit(...seen, frame.wall);
-    face.begin(frame.ticks.times, frame.x, frame.width);
+    face.begin(frame);
     pen.save();
     pen.beginPath();
     pen.rect(0, 0, frame.width, face.height);
     pen.clip();
     const safe = frame.safe?.channels[strip.key];
-    if (safe) for (const start of frame.safe.starts) drawSafeBand(face, { t: frame.safe.t, ...safe }, start, frame, strip.isTall ? frame.safe.word : "");
+    if (safe) for (const start of frame.safe.starts) drawSafeBand(face, { t: frame.safe.t, ...safe }, start, frame, strip.isTall ? frame.safe.word : "", strip.limits?.[0]);
     if (strip.forecast !== null) drawLead(frame);
     const ahead = frame.ahead?.channels[strip.key];
     if (ahead) drawEnvelope(face, { t: frame.ahead.t, word: frame.ahead.word, ...ahead }, frame);
@@ -78,7 +78,6 @@ export function createStrip(canvas, strip) {
     face.line(frame.x(frame.now), face.palette.dim, [], 1);
     face.cursors(frame);
     pen.restore();
-    face.labels(frame.alertAbove);
   }
 
   /** Least and greatest value in view, of traces and forecasts. */

@@ -3,7 +3,7 @@
  *
  * createStripFrame(canvas, strip) -> a Sheet of layout.js with     strip: see strips.js
  *   y(value) -> px
- *   begin(ticks, x, plot)       clears and draws the grid
+ *   begin({ticks, x, width, alertAbove})       clears, and draws the grid and, where it changed, the gutter
  *   clipped(boxes, inverted, act)    draws within boxes [{x0, x1}] only, or outside of them only
  *   wide(text) -> px of a word with its plate
  *   word(text, x, middle, colour), upright(text, x, colour)     text on a plate
@@ -11,7 +11,6 @@
  *   flags({flags, x, width})         moments: [{key | null, t, word, colour, thin}]; key null: of all
  *                                    channels, with its word on the risk strip
  *   thresholds({x, width, alertAbove})    limits where they held, or the alert level
- *   labels(alertAbove)               in the gutter
  * stacked([{left, right [px], colour}], rows)    the most urgent first, each with its row; one that would overlap
  *     moves a row down; without a free row it goes into the last, below the others
  * tickText(value, axis)    as fine as the axis' ticks
@@ -28,24 +27,42 @@ const FIRST_ROW = 24; // px, middle of the topmost row of words
 const ROW = 18;
 const URGENT = ["alert", "caution", "text"]; // colours of words, the most urgent first
 const PAD = 5; // px above and below the range
+const MOST_WIDTHS = 100; // words whose width is kept
 
 export function createStripFrame(canvas, strip) {
   const axis = strip.axis;
-  const tools = { y, begin, clipped, word, wide, upright, triangle, line, cursors, flags, thresholds, labels };
+  const tools = { y, begin, clipped, word, wide, upright, triangle, line, cursors, flags, thresholds };
   const own = Object.assign(createSheet(canvas), tools);
   const { pen } = own;
+  const drawn = { low: NaN, high: NaN, step: NaN, limits: null, alertAbove: NaN }; // in the gutter
+  const widths = new Map(); // of words
+  let levels = []; // of the grid
+  let [base, slope] = [0, 0]; // of the axis [px]
 
   function y(value) {
-    const place = own.height - PAD - axis.share(value) * (own.height - 2 * PAD);
-    return Math.min(own.height + 40, Math.max(-40, place));
+    const place = base - slope * (strip.risk ? axis.share(value) : value);
+    return place < -40 ? -40 : place > own.height + 40 ? own.height + 40 : place;
   }
 
-  function begin(ticks, x, plot) {
-    own.clear();
+  function begin({ ticks, x, width, alertAbove }) {
+    const { low, high, step } = axis;
+    const room = own.height - 2 * PAD;
+    slope = strip.risk ? room : room / (high - low);
+    base = own.height - PAD + (strip.risk ? 0 : low * slope);
+    const now = { low, high, step, limits: strip.limits, alertAbove };
+    if (own.isFresh || Object.keys(now).some((name) => !Object.is(now[name], drawn[name]))) {
+      if (own.isFresh) widths.clear();
+      own.clear();
+      labels(alertAbove);
+      levels = axisTicks(axis).map((value) => Math.round(y(value)));
+      Object.assign(drawn, now);
+    } else {
+      own.clearPlot();
+    }
     pen.fillStyle = own.palette.grid;
-    for (const t of ticks) pen.fillRect(Math.round(x(t)), 0, 1, own.height);
-    for (const value of axisTicks(axis)) pen.fillRect(0, Math.round(y(value)), plot, 1);
-    pen.fillRect(0, own.height - 1, plot, 1);
+    for (const t of ticks.times) pen.fillRect(Math.round(x(t)), 0, 1, own.height);
+    for (const level of levels) pen.fillRect(0, level, width, 1);
+    pen.fillRect(0, own.height - 1, width, 1);
   }
 
   function clipped(boxes, inverted, act) {
@@ -67,13 +84,18 @@ export function createStripFrame(canvas, strip) {
   }
 
   function wide(text) {
-    pen.font = `700 12px ${own.palette.font}`;
-    return pen.measureText(text).width + 8;
+    if (!widths.has(text)) {
+      if (widths.size > MOST_WIDTHS) widths.clear();
+      pen.font = `700 12px ${own.palette.font}`;
+      widths.set(text, pen.measureText(text).width + 8);
+    }
+    return widths.get(text);
   }
 
   /** Text on a plate of the panel's colour, legible over any hatch. */
   function word(text, x, middle, colour) {
     const half = wide(text) / 2;
+    pen.font = `700 12px ${own.palette.font}`;
     pen.globalAlpha = 0.85;
     pen.fillStyle = own.palette.panel;
     pen.fillRect(x - half, middle - 8, 2 * half, 16);
@@ -102,7 +124,6 @@ export function createStripFrame(canvas, strip) {
   /** An exceedance as recorded: the value drawn does not show it. */
   function flags({ flags: given, x, width }) {
     const labels = [];
-    pen.font = `700 12px ${own.palette.font}`;
     for (const { key, t, word: text, colour = "alert", thin = false } of given) {
       const at = x(t);
       if ((key !== null && key !== strip.key) || at < 0 || at > width) continue;
@@ -111,7 +132,7 @@ export function createStripFrame(canvas, strip) {
       pen.fillStyle = ink;
       if (!thin) triangle(at, true);
       if (key === null && !strip.risk) continue;
-      const half = pen.measureText(text).width / 2 + 4;
+      const half = wide(text) / 2;
       const middle = Math.min(Math.max(at, half), Math.max(width - half, half));
       labels.push({ text, colour, ink, middle, left: middle - half, right: middle + half });
     }

@@ -7,7 +7,8 @@
  *     and marks where each exceedance begins
  * drawForecast(face, cells, read, {step, first, now, lead, x})    what a cell forecasts is drawn
  *     `lead` later: dashed, and bold in the future, with the interval of its error {low, high} if given
- * drawSafeBand(face, {t, low, high}, start, {x, width}, word)     where simulated safe flights are, from a start [s]
+ * drawSafeBand(face, {t, low, high}, start, {x, width}, word, floor)     where simulated safe flights are, from a start [s]
+ *     floor: value that the word stays above
  * drawEnvelope(face, {t, low, high, predicted, word}, {x, now, width})     a band of values by time [s]
  *     predicted: time of an exceedance [s], or null
  *
@@ -60,7 +61,8 @@ function strokeLine({ pen, y }, { n, x, cut }, read, dashed) {
 function fillArea({ pen, y }, { n, x, cut }, read, dashed) {
   if (tops.length < n) [tops, bottoms] = [new Float32Array(2 * n), new Float32Array(2 * n)];
   let begin = -1; // first cell of the unbroken piece
-  let [above, below] = [0, 0]; // extremes of the cell before
+  let above = 0; // extremes of the cell before
+  let below = 0;
   for (let i = 0; i < n; i++) {
     const known = !(dashed && isSpace(x[i])) && read(i, out);
     if (begin >= 0 && (!known || cut[i])) {
@@ -68,11 +70,13 @@ function fillArea({ pen, y }, { n, x, cut }, read, dashed) {
       begin = -1;
     }
     if (!known) continue;
-    const [top, bottom] = [y(out[1]) - HALF, y(out[0]) + HALF];
+    const top = y(out[1]) - HALF;
+    const bottom = y(out[0]) + HALF;
     // reach the neighbour, so that a step stays thick
     tops[i] = begin >= 0 && below < top ? below - 2 * HALF : top;
     bottoms[i] = begin >= 0 && above > bottom ? above + 2 * HALF : bottom;
-    [above, below] = [top, bottom];
+    above = top;
+    below = bottom;
     if (begin < 0) begin = i;
   }
   if (begin >= 0) fillPiece(pen, x, begin, n);
@@ -96,13 +100,15 @@ function isSpace(column) {
 export function drawBeyond(face, { n, x, wide, t }, read, { from, to, limits }) {
   const { pen, y } = face;
   const stored = limits.map(Math.fround); // in the precision of samples: the limit itself counts
+  const isAlways = from === -Infinity && to === Infinity;
   const seen = [false, false];
   const marked = [-Infinity, -Infinity];
+  const none = [false, false];
   pen.fillStyle = face.palette.alert;
   for (let i = 0; i < n; i++) {
-    const known = t(i) > from && t(i) <= to && read(i, out);
-    const over = known ? isBeyond(stored, out[0], out[1]) : [false, false];
-    for (const side of [1, 0]) {
+    const known = (isAlways || (t(i) > from && t(i) <= to)) && read(i, out);
+    const over = known && (out[0] <= stored[0] || out[1] >= stored[1]) ? isBeyond(stored, out[0], out[1]) : none;
+    for (let side = 1; side >= 0; side--) {
       if (over[side]) {
         const [edge, peak] = [y(limits[side]), y(out[side])];
         pen.fillRect(x[i] - wide / 2, Math.min(edge, peak), wide, Math.abs(edge - peak) + 1);
@@ -169,7 +175,7 @@ export function drawForecast(face, cells, read, { step, first, now, lead, x }, e
   }
 }
 
-export function drawSafeBand(face, { t, low, high }, start, { x, width }, word) {
+export function drawSafeBand(face, { t, low, high }, start, { x, width }, word, floor = -Infinity) {
   const { pen, y, palette } = face;
   const [left, right] = [x(start + t[0]), x(start + t.at(-1))];
   if (right < 0 || left > width) return;
@@ -191,7 +197,7 @@ export function drawSafeBand(face, { t, low, high }, start, { x, width }, word) 
   pen.textAlign = "left";
   pen.textBaseline = "bottom";
   pen.fillStyle = palette.dim;
-  pen.fillText(word, from, face.height - 3); // the trace is drawn over it
+  pen.fillText(word, from, Math.min(face.height, y(floor)) - 3); // the trace is drawn over it
 }
 
 export function drawEnvelope(face, { t, low, high, predicted = null, word }, { x, now, width }) {

@@ -196,7 +196,8 @@ def test_zero_is_not_on_an_axis_that_does_not_include_it(strips: Open) -> None:
         const words = [];
         const write = CanvasRenderingContext2D.prototype.fillText;
         CanvasRenderingContext2D.prototype.fillText = function (text, ...at) {
-          if (this.canvas.closest('[data-key="beta"]')) words.push(text);
+          const isLabel = this.textAlign === 'right';
+          if (isLabel && this.canvas.closest('[data-key="beta"]')) words.push(text);
           return write.call(this, text, ...at);
         };
         for (let k = 0; k < 900; k++) {
@@ -205,8 +206,9 @@ def test_zero_is_not_on_an_axis_that_does_not_include_it(strips: Open) -> None:
           h.chart.push(frame, 1000);
         }
         for (const wall of [1000, 2000, 7000, 8000]) {
-          words.length = 0;
+          const before = words.length;
           h.draw(wall);
+          if (words.length > before) words.splice(0, before); // the axis changed
         }
         return words;
         """,

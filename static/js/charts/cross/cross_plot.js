@@ -43,7 +43,11 @@ export function createCrossPlot(canvas, { x, y, dt }) {
   function visit(t, xLow, xHigh, yLow, yHigh, isCut) {
     const k = points.n;
     if (k === MOST) return;
-    [points.t[k], points.xLow[k], points.xHigh[k], points.yLow[k], points.yHigh[k]] = [t, xLow, xHigh, yLow, yHigh];
+    points.t[k] = t;
+    points.xLow[k] = xLow;
+    points.xHigh[k] = xHigh;
+    points.yLow[k] = yLow;
+    points.yHigh[k] = yHigh;
     points.cut[k] = isCut || !(xLow <= xHigh && yLow <= yHigh);
     points.n += 1;
   }

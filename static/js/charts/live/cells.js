@@ -2,7 +2,7 @@
  * The samples of the ring buffer in the window, cell by cell, once a frame for all strips.
  *
  * A cell is one sample while there is room for every sample, else one pixel column with all of its
- * samples. Columns are counted from time zero, so that a trace moves without shimmering.
+ * samples. Columns are counted from time zero, so that a trace moves without shimmering, and only new ones are read.
  *
  * createCells(ring, seriesOf) -> Cells, see ../trace.js     seriesOf: Map of key -> series
  *     scan({start, step, columns, before, dt})    start [s] is the left edge, step [s] a pixel; `before`
@@ -12,6 +12,7 @@
  */
 
 import { STATE_WORDS } from "../../lib/states.js";
+import { createColumns } from "./columns.js";
 import { BROKEN, FLAG } from "./ring_buffer.js";
 
 const DENSITY = 1; // samples a pixel up to which every sample is drawn
@@ -26,6 +27,7 @@ const RUNS = [
 
 export function createCells(ring, seriesOf) {
   const cells = { n: 0, sparse: true, wide: 1.5, scan, t, series, range, runs, gaps };
+  const columns = createColumns(ring, seriesOf.size);
   let capacity = 0;
   let samplePx = 0;
   let anyFlags = 0;
@@ -34,35 +36,37 @@ export function createCells(ring, seriesOf) {
     if (n <= capacity) return;
     capacity = Math.ceil(n * 1.25);
     cells.x = new Float32Array(capacity);
+    cells.column = new Int32Array(capacity);
     cells.from = new Int32Array(capacity);
     cells.to = new Int32Array(capacity);
     cells.flags = new Uint8Array(capacity);
     cells.cut = new Uint8Array(capacity);
   }
 
-  function scan({ start, step, columns, before, dt }) {
-    reserve(Math.ceil(DENSITY * (columns + before)) + 8);
+  function scan({ start, step, columns: width, before, dt }) {
+    reserve(Math.ceil(DENSITY * (width + before)) + 8);
     const from = Math.max(ring.first(), ring.after(start - before * step) - 1);
-    const to = Math.min(ring.count(), ring.after(start + columns * step, from) + 1);
+    const to = Math.min(ring.count(), ring.after(start + width * step, from) + 1);
     samplePx = dt / step;
     cells.n = 0;
-    cells.sparse = to - from <= DENSITY * (columns + before);
+    cells.sparse = to - from <= DENSITY * (width + before);
     cells.wide = cells.sparse ? Math.max(1.5, samplePx + 0.5) : 1.5;
     anyFlags = ring.flags(from, to);
     if (cells.sparse) {
       for (let i = from; i < to; i++) add((ring.time(i) - start) / step, i, i + 1);
       return;
     }
-    let i = ring.after(start - before * step, from);
-    for (let k = -before; k < columns && i < to; k++) {
-      const end = ring.after(start + (k + 1) * step, i);
-      if (end > i) add(k + 0.5, i, end);
-      i = end;
+    const first = Math.round(start / step);
+    columns.read(first - before, first + width, step);
+    for (let k = first - before; k < first + width; k++) {
+      const begin = Math.max(columns.from(k), ring.first());
+      if (columns.to(k) > begin) add(k - first + 0.5, begin, columns.to(k), k);
     }
   }
 
-  function add(x, from, to) {
+  function add(x, from, to, column = 0) {
     const n = cells.n++;
+    cells.column[n] = column;
     const flags = anyFlags === 0 ? 0 : ring.flags(from, to);
     cells.x[n] = x;
     cells.from[n] = from;
@@ -77,7 +81,9 @@ export function createCells(ring, seriesOf) {
 
   function series(key) {
     const s = seriesOf.get(key);
-    return (i, out) => ring.extent(s, cells.from[i], cells.to[i], out);
+    if (cells.sparse) return (i, out) => ring.extent(s, cells.from[i], cells.to[i], out);
+    const read = columns.extents(s);
+    return (i, out) => read(cells.column[i], out);
   }
 
   function range(key, out) {

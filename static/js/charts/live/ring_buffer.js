@@ -14,6 +14,7 @@
  *   time(i) [s], value(s, i), flags(from, to)    flags of samples from..to-1, or-ed
  *   extent(s, from, to, out) -> bool     least and greatest value into out; false where all are missing
  *   after(t, from) -> first sample at or after t;   nearest(t) -> -1 when empty;   clear()
+ *   revision     changes where samples in the buffer change otherwise than by push
  */
 
 /** Bits of a sample's flags; those with the name of a state are set by it. */
@@ -45,6 +46,7 @@ export function createRingBuffer({ series, capacity = 180_000 }) {
     marks: new Uint8Array(size >> shift),
   }));
   let count = 0;
+  let revision = 0;
 
   const first = () => Math.max(0, count - size);
   const time = (i) => times[i % size];
@@ -77,6 +79,7 @@ export function createRingBuffer({ series, capacity = 180_000 }) {
   function insert(at, rows, flags) {
     const from = at - (at % COARSEST);
     if (from < first()) return false;
+    revision += 1;
     const kept = Array.from({ length: count - from }, (_, k) => copy(from + k));
     if (at < count) kept[at - from].flags = flags;
     kept.splice(at - from, 0, ...rows);
@@ -168,6 +171,10 @@ export function createRingBuffer({ series, capacity = 180_000 }) {
     nearest,
     clear: () => {
       count = 0;
+      revision += 1;
+    },
+    get revision() {
+      return revision;
     },
   };
 }
