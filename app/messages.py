@@ -121,7 +121,8 @@ class SampleState(Message):
     cause: Cause | None = Field(
         default=None,
         description="why it is invalid: outside every manoeuvre, or the limits in force are not "
-        "the monitor's (`not_applicable`) or unknown",
+        "the monitor's (`not_applicable`) or unknown; of a live flight that warms up between "
+        "manoeuvres: trim is measured (`rest`), something moves, or `ready` for an input",
     )
 
 
@@ -302,10 +303,10 @@ class MonitorSetStatus(Message):
     conditions: list[SetCondition]
     case: str = Field(default="", description="the condition that holds now; empty for none")
     reason: str = Field(default="", description="why no monitor is in use; empty if one is")
-    beyond: str = Field(
-        default="",
-        description="limits of every monitor of the set, in words, where those in force are "
-        "unknown: only what is beyond them exceeds; else empty",
+    widest: dict[str, SafeInterval] = Field(
+        default_factory=dict,
+        description="by channel, the limits that every monitor of the set is within, where those "
+        "in force are unknown: only what is beyond them exceeds; else empty",
     )
 
 
@@ -315,7 +316,8 @@ class Decided(Message):
     status: Status = Field(
         description="headline, the worst of: exceeding now, alarm unacknowledged, "
         "risk above the alert level, stale, invalid, caution unacknowledged, warming up, ended "
-        "without an assessed sample, validity not calibrated, limit exceeded earlier, ok"
+        "without an assessed sample, validity not calibrated, limit exceeded earlier, exceedance "
+        "predicted for the rest of the test card (`no_alert`), ok"
     )
     level: Level = Field(description="level of the headline as in 14 CFR 25.1322")
     beside: list[Status] = Field(description="`stale` and `invalid` if true and not the headline")

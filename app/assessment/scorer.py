@@ -130,12 +130,12 @@ class GridMonitor:
     def forecast_ahead(self) -> Ahead | None:
         return self._stream.forecast_ahead()
 
-    def wait(self, sample: Sample, reason: str) -> Assessment:
-        """Assessment of a sample outside every manoeuvre. reason: why there is none."""
+    def wait(self, sample: Sample, reason: str, cause: Cause) -> Assessment:
+        """Assessment of a sample outside every manoeuvre. reason, cause: why there is none."""
         self._history.append(sample)
-        missing = sample.reason or self._missing(sample.y)
-        state = State.INVALID if missing else State.WARMING_UP
-        return Assessment(sample.t, None, None, state, missing or reason)
+        if missing := sample.reason or self._missing(sample.y):
+            return Assessment(sample.t, None, None, State.INVALID, missing)
+        return Assessment(sample.t, None, None, State.WARMING_UP, reason, cause=cause)
 
     def _new_stream(self) -> Stream:
         """A stream without exemplars, which flights do not show."""
@@ -332,9 +332,9 @@ class CausalScorer:
             known = sample.y - trim
             y = np.where(np.isnan(trim), sample.y, known)
         if self._trim is not None and not self._trim.manoeuvre:
-            reason = self._trim.reason
-            assessment = self._authority.wait(sample, reason)
-            display = tuple([shown.wait(sample, reason) for shown in self._display])
+            why = self._trim.waits
+            assessment = self._authority.wait(sample, *why)
+            display = tuple([shown.wait(sample, *why) for shown in self._display])
         else:
             assessment = self._authority.assess(sample, known)
             display = tuple([shown.assess(sample, known) for shown in self._display])

@@ -12,6 +12,7 @@ from core.kernels.causal_trim import TrimRule, TrimState
 from core.kernels.compiled import entry
 from core.limits.limits import Envelope
 from core.monitor import Monitor
+from core.monitor.assessment import Cause
 from core.types import Array
 
 MEASURED_S = 0.1
@@ -137,21 +138,26 @@ class CausalTrim:
         return level
 
     @property
-    def reason(self) -> str:
-        """Why there is no manoeuvre."""
+    def waits(self) -> tuple[str, Cause]:
+        """Why there is no manoeuvre, in words and in one."""
         if self._state.counts[kernel.HAS_TRIM]:
             if (np.isnan(self.level) & np.isfinite(self._state.trim)).any():
-                return BEYOND
+                return BEYOND, Cause.READY
             unmeasured = np.isnan(self._state.trim) & np.isfinite(self._rule.moving)
-            unknown = [self.planned.dictionary.keys[c] for c in np.flatnonzero(unmeasured)]
-            return moved(unknown) if unknown else RESTING if self.planned.controls else BY_HAND
+            if unmeasured.any():
+                keys = self.planned.dictionary.keys
+                return moved([keys[c] for c in np.flatnonzero(unmeasured)]), Cause.MOVING
+            return RESTING if self.planned.controls else BY_HAND, Cause.READY
         n_rest, counts = len(self._state.rest), self._state.counts
         if 0 < counts[kernel.BEYOND] == counts[kernel.N_REST]:
-            return EXCEEDED
+            return EXCEEDED, Cause.MOVING
         if counts[kernel.N_REST] - counts[kernel.BEYOND] >= n_rest:
-            return MOVING
+            return MOVING, Cause.MOVING
         needed = n_rest * self.planned.dt
-        return f"trim is measured: it needs {needed:.3g} s of rest before the manoeuvre"
+        return (
+            f"trim is measured: it needs {needed:.3g} s of rest before the manoeuvre",
+            Cause.REST,
+        )
 
     def judge_by(self, limits: Envelope | None) -> None:
         """Apply limits from the next sample on; None, for unknown ones, keeps the last."""

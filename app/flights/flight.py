@@ -76,7 +76,6 @@ from core.limits.exceedance import Exceedances, MeasuredExceedance
 from core.limits.limits import (
     Envelope,
     Specification,
-    limits_in_words,
     specification_to_plain,
 )
 from core.monitor import Assessment, Monitor, State
@@ -205,7 +204,7 @@ class Flight(ABC):
         self._watchers: set[Watcher] = set()
         self._timers: dict[str, Timer] = {}
         self._pose: tuple[Angles, Array] | None = None
-        self._ahead_t = -inf
+        self._ahead_t, self._is_predicted = -inf, False
         self.verdict: Verdict | None = None
         self._facts = self.facts
         self._shown = self._facts, self.verdict, self.exceedances.latched
@@ -282,9 +281,8 @@ class Flight(ABC):
         ruling = self._ruling
         if not isinstance(ruling, MonitorRuling):
             return set_status(self.plan.monitors, "", NO_SAMPLE)
-        limits = limits_in_words(self.plan.monitor.dictionary, ruling.limits)
-        beyond = limits if ruling.beyond else ""
-        return set_status(self.plan.monitors, ruling.case, ruling.reason, beyond)
+        widest = ruling.limits if ruling.beyond else None
+        return set_status(self.plan.monitors, ruling.case, ruling.reason, widest)
 
     @property
     def limits_held(self) -> list[LimitsFrom]:
@@ -323,6 +321,7 @@ class Flight(ABC):
             warming_up=self.state is State.WARMING_UP,
             calibrated=self.is_checked,
             exceeded_t=self.exceeded_t,
+            predicted=self._is_predicted and not self.is_over,
         )
 
     @property
@@ -508,7 +507,8 @@ class Flight(ABC):
         self._halt(reason)
 
     def _hello(self) -> str:
-        plan = self.plan
+        plan, ahead = self.plan, self._newest_ahead()
+        self._is_predicted = ahead is not None and ahead.exceeds
         return Hello(
             **self._authority_facts,
             flight=plan.id,
@@ -517,7 +517,7 @@ class Flight(ABC):
             lead=self.lead,
             dt=self.dt,
             stale_after=stale_after(self.dt),
-            ahead=self._newest_ahead,
+            ahead=None if ahead is None else CardAhead.model_validate(plain_ahead(ahead)),
             no_plan=self.no_plan,
             source=plan.source,
             mode=plan.mode,
@@ -601,25 +601,25 @@ class Flight(ABC):
         """Forecast of the rest of the card: while watched, each AHEAD_S and at the last sample."""
         passed = assessment.t - self._ahead_t
         is_apart = self._is_at_end or not 0 <= passed < AHEAD_S - 1e-6
-        is_due = bool(self._watchers) and is_apart
-        if assessment.p_value is None or self._late or not is_due:
+        is_assessed = assessment.p_value is not None and not self._late
+        if self._watchers and is_assessed and not is_apart:
             return None
-        ahead = self._forecast_ahead()
-        if ahead is None or ahead.made_t != assessment.t:
-            return None
-        self._ahead_t = assessment.t
+        ahead = self._ahead_by(assessment) if self._watchers else None
+        self._is_predicted = ahead is not None and ahead.exceeds
+        if ahead is not None:
+            self._ahead_t = assessment.t
         return ahead
 
-    @property
-    def _newest_ahead(self) -> CardAhead | None:
+    def _newest_ahead(self) -> Ahead | None:
         """Forecast by the newest sample, for a watcher that joins a paused flight."""
         newest = self._assessment
-        if newest is None or newest.p_value is None or self._late or self.is_over:
+        return None if newest is None or self.is_over else self._ahead_by(newest)
+
+    def _ahead_by(self, assessment: Assessment) -> Ahead | None:
+        if assessment.p_value is None or self._late:
             return None
         ahead = self._forecast_ahead()
-        if ahead is None or ahead.made_t != newest.t:
-            return None
-        return CardAhead.model_validate(plain_ahead(ahead))
+        return ahead if ahead is not None and ahead.made_t == assessment.t else None
 
     def _forecast_ahead(self) -> Ahead | None:
         """Forecast of the alarm authority by the sample that is shown next."""

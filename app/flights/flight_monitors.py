@@ -10,6 +10,7 @@ from app.store.monitor_sets import MonitorSetInfo
 from app.store.store import Store
 from core.conditions import ConditionKey
 from core.evaluation.certificate import warnings_of
+from core.limits.limits import Envelope
 from core.monitor.monitor_set import MonitorCase, MonitorSet
 
 
@@ -37,11 +38,14 @@ def members(in_use: MonitorsInUse) -> list[DisplayMonitor]:
     return [member(in_use, case) for case in range(len(in_use.ids))]
 
 
-def set_status(in_use: MonitorsInUse, case: str, reason: str, beyond: str = "") -> MonitorSetStatus:
+def set_status(
+    in_use: MonitorsInUse, case: str, reason: str, widest: Envelope | None = None
+) -> MonitorSetStatus:
     """A set as sent. case: that holds now, empty for none; reason: why none does.
 
-    beyond: see MonitorSetStatus.
+    widest: see MonitorSetStatus.
     """
+    keys = in_use.members[0].dictionary.keys
     conditions = [
         SetCondition(
             name=each.name,
@@ -60,7 +64,7 @@ def set_status(in_use: MonitorsInUse, case: str, reason: str, beyond: str = "") 
         conditions=conditions,
         case=case,
         reason=reason,
-        beyond=beyond,
+        widest={} if widest is None else widest.intervals(keys),
     )
 
 

@@ -23,7 +23,7 @@ from starlette.websockets import WebSocketDisconnect
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed
 
-from app.scene.picture import CAMERAS
+from app.scene.picture import CAMERAS, WORDS
 from app.scene.scene import Scene, Scenes
 from app.scene.server import SUBPROTOCOL, admitted, credentials
 
@@ -45,18 +45,27 @@ SCRIPT = """<script>
 globalThis.Function = new Proxy(Function, {apply: () => () => () => {}, construct: () => () => {}});
 {
   const cameras = CAMERAS, search = new URLSearchParams(location.search);
-  let link = null;
+  let link = null, visible = true;
+  const get = (...messages) => link?.onmessage({data: {type: "message_batch", messages}});
+  const setWords = () => get({type: "SetSceneNodeVisibilityMessage", name: "WORDS", visible});
   globalThis.Worker = class extends Worker {
     postMessage(message, ...more) {
-      if (message?.type === "set_server") link = this;
+      if (message?.type === "set_server") {
+        link = this;
+        this.addEventListener("message", ({data}) => {
+          if (data.messages?.some(({name}) => name === "WORDS")) setTimeout(setWords);
+        });
+      }
       super.postMessage(message, ...more);
     }
   };
   globalThis.lookFrom = (name) => {
     const {position, look_at} = cameras[name];
-    const aim = {type: "SetCameraLookAtMessage", look_at};
-    const messages = [aim, {type: "SetCameraPositionMessage", position}];
-    link?.onmessage({data: {type: "message_batch", messages}});
+    get({type: "SetCameraLookAtMessage", look_at}, {type: "SetCameraPositionMessage", position});
+  };
+  globalThis.showWords = (shown) => {
+    visible = shown;
+    setWords();
   };
   const first = cameras[search.get("camera")];
   if (first && !search.has("initialCameraPosition")) {
@@ -65,10 +74,13 @@ globalThis.Function = new Proxy(Function, {apply: () => () => () => {}, construc
     history.replaceState(null, "", `?${search}`);
   }
 }
-</script>""".replace("CAMERAS", json.dumps({key: at._asdict() for key, at in CAMERAS.items()}))
+</script>""".replace("WORDS", WORDS).replace(
+    "CAMERAS", json.dumps({key: at._asdict() for key, at in CAMERAS.items()})
+)
 """Replaces Function, which the policy forbids: the client's sorter of splats calls it while it
 loads, and would log an error, although no scene has splats. ?camera=tail is the first view, and
-lookFrom(name) another one: the client gets it as if the server had sent it."""
+lookFrom(name) another one, and showWords(false) hides all texts: the client gets these as if the
+server had sent them."""
 
 CheckOrigin = Callable[[WebSocket], Any]
 

@@ -93,7 +93,10 @@ LETTERS = {
     "W": ((1, -1, -1, -0.5), (-1, -0.5, 0.4, 0), (0.4, 0, -1, 0.5), (-1, 0.5, 1, 1)),
 }
 """Strokes from (outward, clockwise) to (outward, clockwise), in half letter sizes."""
-HEADLINE_AT, UNKNOWN_AT = (0.0, -1.2, 3.9), (0.0, -1.2, 5.0)
+HEADLINE_AT, UNKNOWN_AT = (3.5, 2.3, 4.4), (3.5, 2.3, 5.4)
+"""Beside the column from each camera."""
+WORDS = "/words"
+"""Node of all texts: a page for a large screen hides them, being too small there."""
 NO_SHADOW: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
 
 
@@ -240,27 +243,30 @@ class Picture:
         self._fill = scene.add_cylinder(
             "/column/fill", COLUMN_RADIUS, 1.0, GREY, visible=False, **NO_SHADOW
         )
+        scene.add_frame(WORDS, show_axes=False)
         ring = circle(COLUMN_RADIUS * 1.35)
         for name, p_value in TICKS.items():
             at = (0.0, 0.0, -height(p_value))
             self._add_lines(f"/column/{name}", ring, INK, 1.2, position=at)
             if name in NUMBERED:
                 scene.add_label(
-                    f"/column/{name}_label",
+                    f"{WORDS}/{name}",
                     f"{p_value:g}",
                     font_screen_scale=0.75,
                     anchor="center-center",
-                    position=(INWARD, INWARD, at[2]),
+                    position=_beside_column(1.0, at[2]),
                 )
         self._threshold = scene.add_line_segments(
             "/column/threshold", circle(COLUMN_RADIUS * 1.75), LIMIT, thickness=0.18
         )
         self._threshold_label = scene.add_label(
-            "/column/threshold_label", "", font_screen_scale=0.9, anchor="center-center"
+            f"{WORDS}/threshold", "", font_screen_scale=0.9, anchor="center-center"
         )
         self._headline, self._unknown = (
-            scene.add_label(name, "", position=at, font_screen_scale=size, anchor="center-center")
-            for name, at, size in (("/headline", HEADLINE_AT, 1.0), ("/unknown", UNKNOWN_AT, 0.8))
+            scene.add_label(
+                f"{WORDS}/{name}", "", position=at, font_screen_scale=size, anchor="center-center"
+            )
+            for name, at, size in (("headline", HEADLINE_AT, 1.0), ("unknown", UNKNOWN_AT, 0.8))
         )
         self._readout = self._server.gui.add_html("")
 
@@ -325,7 +331,7 @@ class Picture:
         self._set(self._fill, position=(0.0, 0.0, -level / 2))
         at = (0.0, 0.0, -height(shown.alert_above))
         self._set(self._threshold, position=at)
-        beside = (1.6 * INWARD, 1.6 * INWARD, at[2])
+        beside = _beside_column(1.6, at[2])
         self._set(self._threshold_label, text=f"> {shown.alert_above:.3g}", position=beside)
         urgent = COLOURS[shown.headline.level]
         self._paint(self._ring, urgent)
@@ -340,6 +346,12 @@ class Picture:
         if self._sent.get(key) != colour:
             self._sent[key] = colour
             node.colors = np.array(colour, np.uint8)
+
+
+def _beside_column(shift: float, z: float) -> Point:
+    """Of a number, at a height on the column. shift: in INWARD."""
+    x, y, base = COLUMN_AT
+    return x + shift * INWARD, y + shift * INWARD, base + z
 
 
 def attitude_wxyz(phi: float, theta: float, psi: float) -> tuple[float, ...]:

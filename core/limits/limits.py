@@ -91,6 +91,15 @@ class Envelope(NamedTuple):
         """Whether a value of channel c exceeds its limits; NaN does not."""
         return bool(value <= self.low[c] or value >= self.high[c])
 
+    def intervals(self, keys: Sequence[str]) -> "dict[str, SafeInterval]":
+        """The limits of the limited channels by key."""
+        ends = zip(*(ends.tolist() for ends in self), strict=True)
+        return {
+            key: SafeInterval(*(end if isfinite(end) else None for end in (low, high)), rest=rest)
+            for key, (low, high, rest) in zip(keys, ends, strict=True)
+            if isfinite(low) or isfinite(high)
+        }
+
     def row(self, k: int) -> "Envelope":
         """The limits of sample k, where they are of each sample."""
         return Envelope(self.low[k], self.high[k], self.rest[k])

@@ -21,11 +21,15 @@ class State(StrEnum):
 
 
 class Cause(StrEnum):
-    """Causes of `invalid` for which views use another word."""
+    """Causes of `invalid` for which views use another word; and, of `warming_up`, what a flight
+    between manoeuvres waits for: trim at rest, stillness, or the next input."""
 
     BETWEEN = "between_manoeuvres"
     NOT_APPLICABLE = "not_applicable"
     LIMITS_UNKNOWN = "limits_unknown"
+    REST = "rest"
+    MOVING = "moving"
+    READY = "ready"
 
 
 STATES = tuple(State)
@@ -66,7 +70,7 @@ class Assessment(NamedTuple):
 
     t: time [s].   p_value, alert, score: None unless state is `ok`.
     alert_above: p-value above which it is an alert; None unless state is `ok`.
-    cause: of an invalid sample, if views distinguish it; else None.
+    cause: of an invalid sample, if views distinguish it, or of one between manoeuvres; else None.
     y_hat: (n_channels,) forecast of the outputs t_early ahead; None if the predictor makes none.
     nearest_unsafe, nearest_safe: exemplars; None if the score uses no neighbours.
     group: group of failing flights whose calibration gives the p-value; None while unknown and for

@@ -58,6 +58,11 @@ class ForecastAhead:
         """(n, 6) upper edge of the band."""
         return self.mean + BAND_DEVIATIONS * self.deviation
 
+    @property
+    def exceeds(self) -> bool:
+        """Whether the mean of a channel exceeds its limit."""
+        return bool((np.abs(self.mean) >= self.limits).any())
+
     def predicted(self, c: int) -> float | None:
         """Time at which the mean of channel c first exceeds its limit [s], if ever."""
         return self._first(np.abs(self.mean[:, c]) >= self.limits[c])
@@ -83,6 +88,11 @@ class PeakAhead:
     deviation: float
 
     @property
+    def exceeds(self) -> bool:
+        """Whether the peak exceeds its limit."""
+        return self.mean >= 1.0
+
+    @property
     def low(self) -> float:
         """Lower edge of the band."""
         return max(self.mean - BAND_DEVIATIONS * self.deviation, 0.0)
@@ -102,6 +112,7 @@ class NothingAhead:
 
     made_t: float
     why: str
+    exceeds: ClassVar[bool] = False
 
 
 NOT_BEGUN = "unknown until the input begins"

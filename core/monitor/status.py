@@ -23,6 +23,7 @@ class Status(StrEnum):
     NOT_ASSESSED = "not_assessed"
     NOT_CALIBRATED = "not_calibrated"
     EXCEEDED = "exceeded"
+    NO_ALERT = "no_alert"
     OK = "ok"
 
 
@@ -44,6 +45,7 @@ class Facts(NamedTuple):
     calibrated: whether validity is calibrated.   caution: one is unacknowledged, or samples are in
     doubt.   unassessed: it has ended without one assessed sample.
     exceeded_t: first exceedance so far [s], even if the replay was moved back; None for none.
+    predicted: the newest forecast of the rest of the test card exceeds a limit.
     """
 
     exceeds: bool = False
@@ -56,6 +58,7 @@ class Facts(NamedTuple):
     exceeded_t: float | None = None
     caution: bool = False
     unassessed: bool = False
+    predicted: bool = False
 
 
 class Headline(NamedTuple):
@@ -81,10 +84,13 @@ LEVELS = {
     Status.NOT_ASSESSED: Level.ADVISORY,
     Status.NOT_CALIBRATED: Level.ADVISORY,
     Status.EXCEEDED: Level.CAUTION,
+    Status.NO_ALERT: Level.ADVISORY,
     Status.OK: Level.NONE,
 }
 
 WORDS = {status: status.replace("_", " ").upper() for status in Status} | {Status.RISK: "ALERT"}
+PREDICTED = "exceedance predicted"
+"""Shown beside NO ALERT."""
 BETWEEN = "between manoeuvres"
 """Reason of samples between manoeuvres, which are not assessed."""
 NOT_APPLICABLE, LIMITS_UNKNOWN = "not applicable", "limits unknown"
@@ -138,6 +144,7 @@ def headline(facts: Facts) -> Headline:
         Status.NOT_ASSESSED: facts.unassessed,
         Status.NOT_CALIBRATED: not facts.calibrated,
         Status.EXCEEDED: facts.exceeds or facts.exceeded_t is not None,
+        Status.NO_ALERT: facts.predicted,
         Status.OK: True,
     }
     worst = next(status for status in Status if holds[status])
@@ -157,12 +164,14 @@ def in_words(summary: Headline, cause: Cause | None = None) -> str:
     words = [_word(status, summary, cause) for status in (summary.status, *summary.beside)]
     if summary.exceeded_t is not None and summary.status not in (Status.EXCEEDING, Status.EXCEEDED):
         words.append(_word(Status.EXCEEDED, summary, cause))
+    if summary.status is Status.NO_ALERT:
+        words.append(PREDICTED)
     return " · ".join(words)
 
 
 def _word(status: Status, summary: Headline, cause: Cause | None) -> str:
     if status is Status.INVALID and cause is not None:
-        return CAUSE_WORDS[cause]
+        return CAUSE_WORDS.get(cause, WORDS[status])
     if status is Status.EXCEEDED and summary.exceeded_t is not None:
         return f"{WORDS[status]} first at {summary.exceeded_t:.2f} s"
     return WORDS[status]

@@ -46,6 +46,7 @@ export function createAttitudeIndicator() {
   function show(frame, hello) {
     const [phi, theta, psi] = frame?.attitude ?? [null, null, null];
     const isKnown = phi !== null && theta !== null;
+    element.toggleAttribute("data-unknown", !isKnown);
     known.toggleAttribute("hidden", !isKnown);
     unknown.toggleAttribute("hidden", isKnown);
     if (isKnown) {

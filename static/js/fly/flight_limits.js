@@ -4,6 +4,7 @@
  * createFlightLimits(element, {api, path}) -> {show(limits, channels, set)}    as hello has them; limits null: those of
  *     the monitor, or of the monitor set what its monitors share while none is in use
  * limitsNote(limits) -> {event, flag}
+ * whyUnknown(limits) -> text     of limits that are unknown
  * declared(fixed) -> ", declared mach 0.9"     values of the flight condition; empty for none
  * putLines(put) -> elements    limit sets that were put in force during an ended flight
  * createLimitChoice(api, own) -> {element, ready, chosen() -> {limit_set, condition} or {}, adapt(isSet)}
@@ -15,7 +16,7 @@ import { labelled, numberInput, select } from "../forms/controls.js";
 import { may } from "../lib/api.js";
 import { loadCatalog } from "../lib/catalog.js";
 import { askToConfirm, formatted, h } from "../lib/dom.js";
-import { limitsInWords } from "../lib/limits.js";
+import { limitsInWords, withLimits } from "../lib/limits.js";
 
 const CHANGE = "PUT /flights/{}/limits";
 const NONE = "No limit is known: the monitor learned from labelled flights. It shows risk only; exceedances cannot be detected.";
@@ -58,7 +59,8 @@ export function createFlightLimits(element, { api, path }) {
     element.hidden = limits === null && change.hidden && known !== "";
     element.toggleAttribute("data-unknown", unknown);
     if (between) {
-      words.replaceChildren(h("strong", {}, "◆ LIMITS UNKNOWN: "), `${BETWEEN} `, formatted(set.beyond ? `Exceedances are detected beyond the limit of every monitor of the set: ${set.beyond}.` : "Its monitors limit no channel in common: exceedances are not detected."));
+      const widest = limitsInWords(withLimits(channels, set.widest));
+      words.replaceChildren(h("strong", {}, "◆ LIMITS UNKNOWN: "), `${BETWEEN} `, formatted(widest ? `Exceedances are detected beyond the limit of every monitor of the set: ${widest}.` : "Its monitors limit no channel in common: exceedances are not detected."));
       return;
     }
     if (limits === null) {
@@ -70,7 +72,7 @@ export function createFlightLimits(element, { api, path }) {
     words.title = title;
     words.replaceChildren(
       h("strong", {}, unknown ? "◆ LIMITS UNKNOWN: " : "Limits in force: "),
-      formatted(unknown ? `${whyOf(limits)} · ${version}` : `${version}, ${limits.case}: ${known}`),
+      formatted(unknown ? `${whyUnknown(limits)} · ${version}` : `${version}, ${limits.case}: ${known}`),
       h("span", { class: "dim" }, ` · put in force by ${limits.by} at ${limits.t.toFixed(2)} s`),
     );
   }
@@ -80,13 +82,13 @@ export function createFlightLimits(element, { api, path }) {
 
 export function limitsNote(inForce) {
   const { name, version, case: condition, by, limits, t, since } = inForce;
-  const [words, level] = limits === null ? [`limits unknown, ${whyOf(inForce)}`, "caution"] : [`limits in force: ${condition}`];
+  const [words, level] = limits === null ? [`limits unknown, ${whyUnknown(inForce)}`, "caution"] : [`limits in force: ${condition}`];
   const text = `${words} (${name} version ${version}, put in force by ${by})`;
   const flag = { key: null, t: since ?? t, word: limits === null ? "limits unknown" : "limits", colour: "caution" };
   return { event: { t: since, text, level, seen: true }, flag };
 }
 
-const whyOf = ({ reason }) => reason.replace(/^limits unknown: /, "");
+export const whyUnknown = ({ reason }) => reason.replace(/^limits unknown: /, "");
 
 export function putLines(put) {
   return put.map(({ name, version, by, t, created, fixed }) =>

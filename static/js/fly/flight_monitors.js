@@ -3,13 +3,16 @@
  *
  * alertLevel(hello)    risk above which the monitors alert; NaN where those of a set differ
  * inUse({monitor, monitor_set}) -> [text, level]    for the status strip
+ * withoutLimits(hello) -> {why, widest}     why no limits or no monitor are in force, "" where they are; limits by key, beyond
+ *     which a value exceeds while those in force are unknown, else null
  * createSetLine(element) -> {show(hello)}    the set, its condition and its monitor; hidden for a flight without one
  * useNote(message, t) -> event    of a `monitor` message
  * usedEvents(flight) -> [event]    of an ended flight
  */
 
 import { h } from "../lib/dom.js";
-import { declared } from "./flight_limits.js";
+import { limitsInWords } from "../lib/limits.js";
+import { declared, whyUnknown } from "./flight_limits.js";
 
 export function alertLevel({ monitors, monitor_set: set = null }) {
   const levels = new Set(set === null ? [monitors[0].alert_above] : set.conditions.map(({ alert_above: level }) => level));
@@ -20,7 +23,13 @@ const whyOf = ({ reason }) => reason.replace(/^not applicable: /, "");
 
 export function inUse({ monitor, monitor_set: set = null }) {
   if (set === null) return [monitor.name];
-  return set.case === "" ? [`◆ none: ${whyOf(set)}`, "caution"] : [`${set.case}: ${monitor.name}`];
+  return set.case === "" ? ["◆ none", "caution"] : [`${set.case}: ${monitor.name}`];
+}
+
+export function withoutLimits({ limits, channels, monitor_set: set = null }) {
+  if (limits !== null && limits.limits === null) return { why: `LIMITS UNKNOWN: ${whyUnknown(limits)}`, widest: {} };
+  if (set === null || set.case !== "") return { why: "", widest: null };
+  return { why: `NO MONITOR IN USE: ${whyOf(set)}`, widest: limitsInWords(channels) === "" ? set.widest : null };
 }
 
 export function createSetLine(element) {

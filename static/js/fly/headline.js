@@ -7,15 +7,15 @@
  *     stale: no samples arrive.   alarms: number of unacknowledged warnings
  *     blank: no sample is shown yet: the headline must not look calm
  * partsOf(headline, cause)       ["▲ ALARM", "STALE · EXCEEDED first at 8.76 s"], without what is empty
- * beside(headline, forecast)     nothing looks well where the rest of the card is "predicted" to exceed a limit
  * textOf(headline, cause)        "▲ ALARM · STALE · EXCEEDED first at 8.76 s"
- * resultOf(flight) -> {words, level}       its verdict, else its headline; data-level
+ * resultOf(flight) -> {words, parts, level}     its verdict, else its headline; parts: as a short state and what is beside it;
+ *     data-level
  * staleText(cause, age)          why it is stale, and the age of the newest sample [s], NaN if unknown
  */
 
 import { shownState, withdrawnWord } from "../lib/states.js";
 
-const WORST_FIRST = ["exceeding", "alarm", "risk", "stale", "invalid", "caution", "warming_up", "not_assessed", "not_calibrated", "exceeded", "ok"];
+const WORST_FIRST = ["exceeding", "alarm", "risk", "stale", "invalid", "caution", "warming_up", "not_assessed", "not_calibrated", "exceeded", "no_alert", "ok"];
 const NOW = ["exceeding", "risk"]; // need a current sample
 const CALM = ["none", "advisory"];
 const BESIDE = ["stale", "invalid"]; // always shown
@@ -48,10 +48,6 @@ export function headlineOf(server, { stale, alarms, blank = false }) {
   return { status, level: LEVELS[status], beside, exceeded_t: server.exceeded_t, verdict: server.verdict };
 }
 
-export function beside(headline, forecast) {
-  return headline.level === "none" && forecast === "predicted" ? { ...headline, status: "no_alert", level: "advisory" } : headline;
-}
-
 export function isStale(headline) {
   return headline !== null && [headline.status, ...headline.beside].includes("stale");
 }
@@ -63,11 +59,12 @@ export function staleText(cause, age) {
 
 export function resultOf({ verdict, progress, cause, mode, head, ...headline }) {
   const { level } = headline;
-  if (progress === "running" && mode === "live" && head < 0 && CALM.includes(level)) return { words: WORDS.no_data, level: "advisory" };
-  if (!verdict && level === "none" && progress !== "running") return { words: progress.toUpperCase(), level: "off" };
-  if (!verdict || progress === "running") return { words: textOf({ ...headline, verdict }, cause), level: LEVEL_OF[level] };
+  const result = (parts, level) => ({ words: parts.join(" · "), parts, level });
+  if (progress === "running" && mode === "live" && head < 0 && CALM.includes(level)) return result([WORDS.no_data], "advisory");
+  if (!verdict && level === "none" && progress !== "running") return result([progress.toUpperCase()], "off");
+  if (!verdict || progress === "running") return result(partsOf({ ...headline, verdict }, cause), LEVEL_OF[level]);
   const shown = level === "warning" ? level : "caution";
-  return { words: MARKS[shown] + verdict.text, level: LEVEL_OF[shown] };
+  return { words: MARKS[shown] + verdict.text, parts: [MARKS[shown] + WORDS.exceeded, verdict.text], level: LEVEL_OF[shown] };
 }
 
 function wordOf(status, cause = null) {

@@ -20,7 +20,7 @@ import { createBackfill } from "./backfill.js";
 import { createConnection } from "./connection.js";
 import { createFlightLimits, limitsNote } from "./flight_limits.js";
 import { createFlightMarkers, markerNote } from "./flight_markers.js";
-import { alertLevel, createSetLine, inUse, useNote } from "./flight_monitors.js";
+import { alertLevel, createSetLine, inUse, useNote, withoutLimits } from "./flight_monitors.js";
 import { isStale, LEVEL_OF, partsOf, staleText, textOf } from "./headline.js";
 import { createLivePanel } from "./live_panel.js";
 import { acknowledgementOf, alertText, createFlightPanels, recordedFlag, sourceText } from "./panels.js";
@@ -64,7 +64,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   panels.events.prepend(panels.marker);
   const viewAddress = createAddress();
   const scene = recorded ? besideRecording(panels.scene, recorded.beside) : createSceneFrame(panels.scene, id, viewAddress);
-  const wallView = createWall(panels.wall, panels.view, viewAddress);
+  const wallView = createWall(panels.wall, panels.view, viewAddress, tone);
   const keys = { ...transport.keys, ...wallView.keys, k: alarm.acknowledgeAll, t: () => notes?.write(), v: scene.nextCamera, g: () => source?.begin() };
   const life = new AbortController();
   bindControls(panels.status, { keys, markers, wallView }, life.signal);
@@ -325,7 +325,10 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     const blank = headline?.status === "no_data" && hello.mode === "live";
     panels.lost.hidden = !lost && !stale && !blank;
     panels.lost.toggleAttribute("data-calm", blank);
-    put(panels.lost, lost ? (connection.loggedOut ? LOGGED_OUT : lostText(connection.retryIn(wall))) : blank ? NO_DATA : coverText(display?.cause, connection.figures(wall).age));
+    const words = lost ? (connection.loggedOut ? LOGGED_OUT : lostText(connection.retryIn(wall))) : blank ? NO_DATA : coverText(display?.cause, connection.figures(wall).age);
+    if (panels.lost.textContent === words) return;
+    const cut = words.indexOf(". ") + 1;
+    panels.lost.replaceChildren(h("strong", words.slice(0, cut)), h("span", words.slice(cut))); // the wall has room for the first
   }
 
   function markEvents() {
@@ -354,6 +357,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     coverScene(headline, wall);
     if (headline !== null) {
       follow(headline, display.withdrawal);
+      source?.setStale(isStale(headline));
       card.draw({ frame: display.newest, begun: manoeuvres(), condition: hello.live?.condition ?? null, ring: display.chart.ring, stale: isStale(headline) });
       alarm.setStale(isStale(headline) ? staleText(display.cause, display.timeline.age(wall)) : "");
     }
@@ -373,17 +377,20 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   }
 
   function showWall(headline, utc) {
-    if (headline === null) return wallView.show({ words: [connection.link.toUpperCase()], level: "advisory", utc });
+    if (headline === null) return wallView.show({ words: [connection.link.toUpperCase()], level: "advisory", mode: described.mode, utc });
     const [word, beside] = partsOf(headline, display.withdrawal);
-    const why = isStale(headline) ? staleText(display.cause, display.timeline.age(performance.now())) : "";
+    const without = withoutLimits(hello);
+    const reason = isStale(headline) ? staleText(display.cause, display.timeline.age(performance.now())) : without.why === "" ? display.reason : "";
     return wallView.show({
-      words: [word, [beside, why].filter(Boolean).join(" · ")],
+      words: [word, [beside, reason].filter(Boolean).join(" · ")],
       level: LEVEL_OF[headline.level],
+      mode: hello.mode,
       utc,
       t: display.t,
       channels: hello.channels,
       y: isStale(headline) ? null : display.y,
       latched: decided.latched ?? [],
+      ...without,
     });
   }
 

@@ -8,6 +8,7 @@
  *   update(live, {lead})     as hello or the message `live` has it; lead: shown [s], the delay subtracted
  *   explain(reason)          of the newest sample: what the trim is waiting for
  *   setUsable(boolean)       false while there is no connection
+ *   setStale(boolean)        whether the display is stale: the lag is then unknown
  * beginningNote({number, t}) -> {event, flag}    of a manoeuvre, for the event list and the strips
  * lossText(live) -> [string]     samples of an ended flight, received and not used, by kind
  */
@@ -60,7 +61,7 @@ export function createLivePanel({ line, problem }, { begin, accept, address, eve
   line.after(figures);
   let steps = 0; // of the source's clock, already listed
   let live = null;
-  let usable = false;
+  let [usable, stale] = [false, false];
   let why = "";
 
   const count = (key, n, level = "caution") => show(key, n > 0 ? n.toLocaleString("en") : "", level);
@@ -88,11 +89,12 @@ export function createLivePanel({ line, problem }, { begin, accept, address, eve
     live.begun.filter(({ number }) => !known.has(number)).forEach(mark);
   }
 
-  /** Known only while connected. */
+  /** Known only while connected, the lag only while samples come. */
   function showNow() {
     const { interval, lag } = live;
+    const known = usable && !stale;
     show("rate", !usable || interval === null ? "–" : `${rate(1 / interval)} Hz`);
-    show("lag", usable ? `${lag.toFixed(2)} s` : "–", usable && lag > LATE ? "caution" : "");
+    show("lag", known ? `${lag.toFixed(2)} s` : "–", known && lag > LATE ? "caution" : "");
   }
 
   function listUnread(names) {
@@ -142,6 +144,11 @@ export function createLivePanel({ line, problem }, { begin, accept, address, eve
       if (reason === why) return;
       why = reason;
       if (live !== null) showManoeuvre();
+    },
+    setStale: (is) => {
+      if (is === stale) return;
+      stale = is;
+      if (live !== null) showNow();
     },
     setUsable: (is) => {
       usable = is;

@@ -11,7 +11,7 @@
 
 import { h } from "../lib/dom.js";
 import { quantity, riskText } from "../lib/numbers.js";
-import { withdrawnWord } from "../lib/states.js";
+import { reasonOf, withdrawnWord } from "../lib/states.js";
 import { AS_RECORDED } from "../recordings/words.js";
 
 const WIDEST = 60; // s
@@ -22,8 +22,7 @@ export const CAUTION_WORDS = { invalid: "VALIDITY LOST", stale: "STALE", surface
 
 export function cautionText({ kind, reason, cause }, at = "") {
   const withdrawn = kind === "invalid" ? withdrawnWord(cause) : null;
-  const why = withdrawn === null ? reason : reason.slice(withdrawn.length + 2);
-  return `${withdrawn ?? CAUTION_WORDS[kind]}${at}: ${why}`;
+  return `${withdrawn ?? CAUTION_WORDS[kind]}${at}: ${reasonOf({ cause, reason })}`;
 }
 
 export function createFlightPanels(element) {

@@ -60,6 +60,8 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
   const alertAbove = alertLevel(flight);
   const isLive = flight.mode === "live";
   const isOpen = isLive && flight.progress === "interrupted" && flight.recording === null; // its source may continue it, and a person may end it
+  const latched = flight.exceedances.map(({ channel, first_t: t, worst: value }) => ({ channel, t, value }));
+  let channels = []; // before they are read
   let chart = null;
   let closed = false;
 
@@ -113,9 +115,13 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
   function showResult(now) {
     shown.result = resultOf(now);
     status.update(shown);
-    wall.show({ words: [shown.result.words], level: shown.result.level });
+    showWall();
     gauge.update({ state: "over", reason: "the flight has ended", alertAbove });
     gauge.draw(performance.now());
+  }
+
+  function showWall() {
+    wall.show({ words: shown.result.parts, level: shown.result.level, mode: "record", channels, latched });
   }
 
   const marked = api.get(`${path}/markers`);
@@ -147,14 +153,15 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
     const newest = held.findLast(({ limits }) => limits !== null)?.limits ?? {};
     const limits = put.length > 0 || held.length > 0 ? newest : ownLimits(monitor);
     panels.notice.append(...putLines(put));
-    const channels = withLimits(channelsOf(catalog, monitor), limits);
+    channels = withLimits(channelsOf(catalog, monitor), limits);
+    showWall();
     panels.notice.append(...exceedanceLines(flight.exceedances, channels));
     if (longest.length === 0) {
       panels.strips.replaceChildren(state("empty", "Nothing was recorded", "The flight ended before its first sample."));
       return;
     }
     panels.notice.append(...summaryLines(flight.monitors, longest));
-    draw(channels, { lead: flight.monitors[0].lead, dt: monitor.dt }, longest, passes, held);
+    draw({ lead: flight.monitors[0].lead, dt: monitor.dt }, longest, passes, held);
     const limitsPut = ({ name, version, t, by }) => ({
       event: { t, text: `limits in force: ${name} version ${version}, by ${by}`, seen: true },
       flag: { key: null, t, word: "limits", colour: "caution" },
@@ -189,7 +196,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
     await offerToAcknowledge();
   }
 
-  function draw(channels, { lead, dt }, frames, passes, held) {
+  function draw({ lead, dt }, frames, passes, held) {
     const [first, last] = [frames[0].t, frames.at(-1).t];
     panels.strips.replaceChildren();
     chart = createFlightChart(panels.strips, {
@@ -201,7 +208,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
     chart.setTransport({ playing: false, speed: 1 });
     chart.setLimits(channels, held);
     chart.push(frames);
-    chart.latch(flight.exceedances.map(({ channel, first_t: t, worst: value }) => ({ channel, t, value })));
+    chart.latch(latched);
     chart.setWindow(first, Math.max(last, first + dt) + lead);
     keepWindow(address, chart.timeline);
     if (passes > 1) events.add({ t: null, text: `flown in ${passes} passes; the longest is shown` });

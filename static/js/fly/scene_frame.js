@@ -32,8 +32,10 @@ export function createSceneFrame(element, flight, address) {
   const cameras = Object.entries(CAMERAS).map(([name, text]) => buttonOf(text, () => look(name), { class: "button button-small", "data-camera": name }));
   const reset = buttonOf("Reset view", () => look(camera), { class: "button button-small", title: "Back to this camera after a move of the mouse" });
   const views = h("div.scene-views", { role: "group", "aria-label": "Camera (key V)" }, cameras, reset);
-  const theme = new MutationObserver(paint);
-  theme.observe(document.documentElement, { attributeFilter: ["data-theme"] });
+  const looks = new MutationObserver(paint);
+  looks.observe(document.documentElement, { attributeFilter: ["data-theme"] });
+  const view = element.closest(".flight");
+  looks.observe(view, { attributeFilter: ["data-wall"] });
   const button = h("button", { type: "button", class: "button button-small scene-toggle", onclick: toggle });
   if (remembered(KEY) === "hidden") hide();
   else open();
@@ -81,9 +83,12 @@ export function createSceneFrame(element, flight, address) {
     element.replaceChildren(state("empty", "No scene", "This flight has no scene. Strips and gauge show all assessments."));
   }
 
+  /** In the page's theme; on the wall without its texts, which are too small there. */
   function paint() {
     const inside = frame?.contentDocument?.documentElement;
-    if (inside) inside.dataset.theme = document.documentElement.dataset.theme;
+    if (!inside) return;
+    inside.dataset.theme = document.documentElement.dataset.theme;
+    frame.contentWindow.showWords?.(!view.hasAttribute("data-wall"));
   }
 
   /** Keys work after a click into the scene too: alarms can still be acknowledged. */
@@ -115,7 +120,7 @@ export function createSceneFrame(element, flight, address) {
     nextCamera,
     wake,
     close: (text) => {
-      theme.disconnect();
+      looks.disconnect();
       frame = null;
       element.replaceChildren(...(text ? [state("empty", "No scene", text)] : []));
     },

@@ -8,6 +8,7 @@
  *     noRest: why the monitor forecasts no rest of the card.   recorded: played from a file, without link and record
  *     headline: null before it is known or after the flight.   result: of an ended flight, {words, level}
  *     warnings: about the monitor.   validity: "checked", or why not.   staleAfter: age that counts as stale [s]
+ * showMode(element, mode)
  * createItems(element, list, look) -> {items: {key: {box, label, value}}, show(key, text, level) -> bool}     whether the text is new
  */
 
@@ -42,13 +43,12 @@ export function createStatusStrip(element) {
 
   function update({ mode: from, source, monitor, warnings = [], validity = "checked", link, staleAfter, playing, live, recorded = false, noRest = "", headline, cause, result, figures }) {
     const linked = live && link === "open";
-    put(mode, from === undefined ? "" : live ? from.toUpperCase() : "RECORD");
-    mode.dataset.mode = live ? (from ?? "") : "record";
-    show("source", source);
+    showMode(mode, live ? from : "record");
+    show("source", withoutMode(source, from));
     show("monitor", ...monitor);
     for (const key of ["source", "monitor"]) items[key].value.title = items[key].value.textContent; // may be cut
     if (noRest) items.monitor.value.title += ". Rest of the test card: no forecast with this method";
-    put(items.monitor.label, validity === "checked" ? "monitor" : `monitor, validity ${validity}`);
+    nameMonitor();
     items.test.box.title = warnings.map(sentence).join(" ");
     show("test", warningWords({ warnings }), "caution");
     if (result) showState([result.words], result.level);
@@ -63,6 +63,12 @@ export function createStatusStrip(element) {
     show("skipped", figures.skipped > 0 ? `skipped ${counted(figures.skipped, "sample")}${rest}` : "", "caution");
     show("record", ...(recorded ? [""] : live && link === "lost" ? ["–", "off"] : recordOf(figures)));
     items.record.box.title = figures.problem === "" ? RECORD : sentence(figures.problem);
+
+    /** The line has room for what is wrong. */
+    function nameMonitor() {
+      const [name, wrong] = validity === "checked" ? ["monitor", ""] : ["monitor, validity ", validity];
+      if (items.monitor.label.textContent !== name + wrong) items.monitor.label.replaceChildren(h(wrong ? "span.visually-hidden" : "span", name), wrong);
+    }
 
     /** The word is the largest text of the page. */
     function showState([word, beside = ""], level) {
@@ -87,6 +93,11 @@ export function createStatusStrip(element) {
   return { update };
 }
 
+export function showMode(element, mode = "") {
+  put(element, mode.toUpperCase());
+  element.dataset.mode = mode;
+}
+
 /** Named figures after what the element holds; one without text is hidden. list: [[key, name, title]] */
 export function createItems(element, list, look) {
   const items = {};
@@ -107,6 +118,11 @@ export function createItems(element, list, look) {
   }
 
   return { items, show };
+}
+
+/** The mode stands at the head of the line. */
+function withoutMode(source, mode) {
+  return source === mode ? "" : source.startsWith(`${mode}, `) ? source.slice(mode.length + 2) : source;
 }
 
 function recordOf({ lost, unwritten, problem }) {

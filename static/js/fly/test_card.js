@@ -18,9 +18,7 @@ import { figure, magnitude, magnitudeIn, percent, shownIn } from "../lib/numbers
 
 export const PHASES = ["before", "input", "response", "after"];
 const NEAR = 1e-6; // s
-const MEASURING = /^trim is measured/;
-const MOVING = /^(the surfaces move|the aircraft moves)/;
-const READY = /^no manoeuvre is under way/;
+const WAITS = { rest: "rest", moving: "stillness", ready: "step" }; // what comes next, by the cause of a sample between manoeuvres
 const [WIDTH, HEIGHT, PAD] = [260, 58, 4];
 const AIRSPEED = { key: "V", symbol: "V", unit: "m/s", label: "true airspeed" };
 const MACH = { key: "mach", symbol: "M", unit: "1", label: "Mach number" };
@@ -144,19 +142,10 @@ function nextInput(begun, frame) {
   if (frame === null) return { what: "step", step: 0, wait: null };
   const later = begun.find(({ t }) => t > frame.t + NEAR);
   if (later !== undefined) return { what: "step", step: 0, wait: later.t - frame.t };
-  const resting = restOf(frame);
-  if (resting !== "") return resting === "ready" ? { what: "step", step: 0, wait: null } : { what: resting, wait: null };
-  return { what: begun.length > 0 ? "test end" : "step", step: 0, wait: null };
+  return { what: WAITS[frame.cause] ?? (begun.length > 0 ? "test end" : "step"), step: 0, wait: null };
 }
 
-const isBetween = (frame) => restOf(frame) !== "" || frame.cause === "between_manoeuvres";
-
-/** Of a live source between manoeuvres; empty within one. */
-function restOf({ reason }) {
-  if (MEASURING.test(reason)) return "rest";
-  if (MOVING.test(reason)) return "stillness";
-  return READY.test(reason) ? "ready" : "";
-}
+const isBetween = ({ cause }) => cause in WAITS || cause === "between_manoeuvres";
 
 /** Time from which the planned input stays at trim [s]. */
 function inputEnd({ inputs }) {

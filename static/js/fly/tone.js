@@ -10,6 +10,8 @@
  *   caution()     the steady tone, once; not while it or a warning sounds
  *   setMuted(boolean), unlock()    unlock must be called from a click or key
  *   muted, sounding, state -> "on" | "muted" | "blocked" | "unavailable"
+ *   subscribe(listener) -> unsubscribe    called when its state may have changed
+ * SOUND_WORDS    by state
  * bindMuteButton(button, tone, signal)    until its abort: it follows the tone, and the first touch of the page unlocks that
  */
 
@@ -22,7 +24,7 @@ const LENGTH = 0.18; // s
 const STEADY = [[0, 440]]; // of a caution
 const STEADY_LENGTH = 1.2; // s
 const RAMP = 0.012; // s, against clicks
-const TEXTS = {
+export const SOUND_WORDS = {
   on: "Sound on",
   muted: "Muted",
   blocked: "Sound blocked",
@@ -122,10 +124,10 @@ export function createTone({ Context = globalThis.AudioContext } = {}) {
 
 export function bindMuteButton(button, tone, signal) {
   const show = () => {
-    button.textContent = TEXTS[tone.state];
+    button.textContent = SOUND_WORDS[tone.state];
     button.dataset.sound = tone.state;
     button.setAttribute("aria-pressed", String(tone.muted));
-    button.setAttribute("aria-label", `Alert tone: ${TEXTS[tone.state]}. Press to change.`);
+    button.setAttribute("aria-label", `Alert tone: ${SOUND_WORDS[tone.state]}. Press to change.`);
   };
   const press = () => {
     if (tone.state === "blocked") tone.unlock();

@@ -4,36 +4,45 @@
  * The address carries it (`?wall`), so that a link opens it. Sizes are in static/wall.css: on a 55-inch screen the state
  * has at least 40 minutes of arc at 5 m, every other text at least 16.
  *
- * createWall(element, view, address) -> Wall     element: of the parts that are shown here only.   view: of the flight
- *     address: see ../lib/address.js
+ * createWall(element, view, address, tone) -> Wall     element: of the parts that are shown here only.   view: of the flight
+ *     address: see ../lib/address.js.   tone: null where none sounds
  *   keys           {key: act}
  *   button         opens it
- *   show({words: [state, beside], level, utc, t, channels, y, latched})     drawn only while it is open
- *     y: of the newest sample by channel, null while none is current.   latched: the exceedances that the strips show
+ *   show({words: [state, beside], level, mode, utc, t, channels, y, latched, why, widest})     drawn only while it is open
+ *     mode: where the samples come from, as on the status strip.   y: of the newest sample by channel, null while none is
+ *     current.   latched: the exceedances that the strips show.   why, widest: see withoutLimits of flight_monitors.js
  *   close()        the view ends
- * limitRows(channels, y, latched) -> [{channel, value, peak, margin}]     of the MOST limited channels nearest to their
- *     limits, or furthest beyond; margin: 1 at the limit.   value, peak: NaN for none
+ * limitRows(channels, y, latched, widest) -> [{channel, value, peak, margin}]     of the MOST limited channels nearest to
+ *     their limits, or furthest beyond; margin: 1 at the limit.   value, peak: NaN for none
+ *     widest: limits by key in place of the channels' own, beyond which alone a channel is given; null for none
  */
 
 import { button, formatted, h, put } from "../lib/dom.js";
-import { isBeyond, limitsOf, limitText, marginOf } from "../lib/limits.js";
+import { isBeyond, limitsOf, limitText, marginOf, withLimits } from "../lib/limits.js";
 import { magnitudeIn, quantity, secondsText } from "../lib/numbers.js";
+import { showMode } from "./status_strip.js";
+import { SOUND_WORDS } from "./tone.js";
 
 const MOST = 3;
 const LETTERS = 12; // of a name
 const ROOM = 1.25; // of a bar, in limits
 const NAME = "wall";
 
-export function createWall(element, view, address) {
+export function createWall(element, view, address, tone = null) {
   const word = h("p.wall-state");
+  const source = h("strong.wall-mode");
+  const sound = h("strong.wall-sound");
   const beside = h("p.wall-beside");
   const clock = h("p.wall-clock");
-  const list = h("ol.wall-limits", { "aria-label": "Channels nearest to their limits" });
+  const without = h("li.wall-why", { hidden: true });
+  const list = h("ol.wall-limits", { "aria-label": "Channels nearest to their limits" }, without);
   const life = new AbortController();
-  element.append(word, beside, clock, list);
+  element.append(word, h("p.wall-source", source, sound), clock, beside, list);
   document.addEventListener("fullscreenchange", followScreen, { signal: life.signal });
   let rows = [];
   let last = null; // shown when it is opened
+  if (tone !== null) life.signal.addEventListener("abort", tone.subscribe(showSound));
+  showSound();
   set(address.get(NAME) !== null);
 
   const isOpen = () => !element.hidden;
@@ -58,16 +67,25 @@ export function createWall(element, view, address) {
     if (document.fullscreenElement === null) turn(false);
   }
 
-  function draw({ words: [state, also = ""], level, utc = null, t = null, channels = [], y = null, latched = [] }) {
+  /** Only where an alarm would not be heard. */
+  function showSound() {
+    const state = tone?.state ?? "on";
+    put(sound, state === "on" ? "" : SOUND_WORDS[state]);
+  }
+
+  function draw({ words: [state, also = ""], level, mode, utc = null, t = null, channels = [], y = null, latched = [], why = "", widest = null }) {
     element.dataset.level = level;
+    showMode(source, mode);
     put(word, state);
     put(beside, also);
-    put(clock, [utc && `${utc.toISOString().slice(11, 19)} UTC`, t !== null && secondsText(t)].filter(Boolean).join("\n"));
-    const nearest = limitRows(channels, y, latched);
+    put(clock, [utc && `${utc.toISOString().slice(11, 19)} UTC`, t !== null && secondsText(t)].filter(Boolean).join(" · "));
+    const nearest = limitRows(channels, y, latched, widest);
+    without.hidden = why === "";
+    put(without, `◆ ${why}`);
     const keys = nearest.map(({ channel }) => channel.key).join();
     if (keys !== list.dataset.keys) {
       rows = nearest.map(({ channel }) => rowOf(channel));
-      list.replaceChildren(...rows.map((row) => row.item));
+      list.replaceChildren(without, ...rows.map((row) => row.item));
       list.dataset.keys = keys;
     }
     nearest.forEach((reading, k) => rows[k].show(reading));
@@ -84,15 +102,15 @@ export function createWall(element, view, address) {
   };
 }
 
-export function limitRows(channels, y, latched) {
-  const all = channels.map((channel, k) => {
+export function limitRows(channels, y, latched, widest = null) {
+  const all = (widest === null ? channels : withLimits(channels, widest)).map((channel, k) => {
     const limits = limitsOf(channel);
     const value = y?.[k] ?? NaN;
     const peak = latched.find(({ channel: key }) => key === channel.key)?.value ?? NaN;
     const marginAt = (at) => (limits === null || !Number.isFinite(at) ? -Infinity : marginOf(limits, channel.rest ?? 0, at)[1]);
     return { channel, k, limits, value, peak, margin: marginAt(value), worst: Math.max(marginAt(value), marginAt(peak)) };
   });
-  const limited = all.filter(({ limits }) => limits !== null);
+  const limited = all.filter(({ limits, worst }) => limits !== null && (widest === null || worst >= 1));
   const nearest = limited.sort((a, b) => b.worst - a.worst || a.k - b.k).slice(0, MOST);
   return nearest.sort((a, b) => a.k - b.k);
 }

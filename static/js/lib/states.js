@@ -26,3 +26,9 @@ export function stripState({ state, cause }) {
 export function withdrawnWord(cause) {
   return WITHDRAWN.includes(cause) ? STATE_WORDS[cause] : null;
 }
+
+/** Without the word of its cause, with which it begins. */
+export function reasonOf({ cause, reason }) {
+  const withdrawn = withdrawnWord(cause);
+  return withdrawn === null ? reason : reason.slice(withdrawn.length + 2);
+}

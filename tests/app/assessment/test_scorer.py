@@ -9,6 +9,7 @@ from app.assessment.scorer import CausalScorer, LiveAssessed
 from app.assessment.trim import BEYOND
 from core.channels import KEYS, LATERAL
 from core.monitor import State
+from core.monitor.assessment import Cause
 from core.simulation.attitude import DisplayAttitude
 from core.types import Array
 from tests.support import attas
@@ -77,6 +78,8 @@ def test_a_manoeuvre_is_detected_soon_after_its_first_departure_and_never_at_res
         onset = int((moved > 0.2 * moved.max()).argmax())
         late.append((begins - onset) * attas.TEST.dt)
         assert {one.assessment.state for one in said[:begins]} == {State.WARMING_UP}
+        causes = dict.fromkeys(one.assessment.cause for one in said[: begins + 1])
+        assert [*causes] == [Cause.REST, Cause.READY, None]
         assert said[begins].assessment.state is State.OK
     assert max(late) <= 0.1
     assert min(late) >= -0.5

@@ -192,7 +192,11 @@ def test_the_next_manoeuvre_after_an_unknown_trim_is_told_apart():
     y[:, 3] = np.where(np.arange(80) % 10 < 5, 0.3, -0.3)
     trim = CausalTrim(PLAN, np.array([np.inf, np.inf, np.inf, 0.1, np.inf, np.inf]))
     trim.follow(y)
-    assert trim.reason == "the aircraft moves: the trim of Ny is unknown until it rests"
+    reason, cause = trim.waits
+    assert (reason, cause) == (
+        "the aircraft moves: the trim of Ny is unknown until it rests",
+        "moving",
+    )
     assert trim.begin()
     assert np.isnan(trim.level[3])
 
@@ -229,9 +233,9 @@ def test_trim_is_measured_from_the_rest_after_an_exceedance() -> None:
 def test_the_trim_of_a_rest_beyond_the_limit_is_unknown_until_a_manoeuvre_begins_from_it() -> None:
     trim = CausalTrim(PLAN)
     assert np.isnan(levels((STEADY, 0.6), trim=trim)).all()
-    assert trim.reason == BEYOND
+    assert trim.waits[0] == BEYOND
     assert levels((STEADY, 0.1), trim=trim)[-1] == pytest.approx(0.1)
-    assert trim.reason == RESTING
+    assert trim.waits[0] == RESTING
     again = CausalTrim(PLAN)
     levels((STEADY, 0.6), trim=again)
     assert again.begin()
@@ -250,7 +254,7 @@ def after_a_manoeuvre() -> CausalTrim:
 def test_a_person_may_take_a_rest_beyond_the_limit_for_trim() -> None:
     trim = after_a_manoeuvre()
     assert {*levels((STEADY, 0.6), trim=trim)} == {0.0}
-    assert trim.reason == EXCEEDED
+    assert trim.waits[0] == EXCEEDED
     assert trim.begin()
     assert trim.level[NY] == pytest.approx(0.6)
 

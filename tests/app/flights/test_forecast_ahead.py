@@ -18,6 +18,7 @@ from app.messages import MOST_AHEAD, CardAhead, plain_frame
 from core.monitor import Monitor, MonitorRecipe, State, combine, train
 from core.monitor.assessment import STATES
 from core.monitor.peak_forecast import ForecastAhead, PeakAhead
+from core.monitor.status import Status
 from core.types import Array
 from tests.app.flights.sources import test_live
 from tests.app.flights.sources.test_live import Live
@@ -218,6 +219,27 @@ def test_a_live_flight_again_forecasts_what_it_did(
     }
     assert again == told
     assert sum("peak" in one for one in told.values()) > 10
+
+
+def test_a_flight_is_not_ok_while_its_forecast_exceeds_a_limit(monkeypatch: pytest.MonkeyPatch):
+    flown = flown_through(peak_trained(), flights()[0])
+    flight, script = flown.flight, flown.flight._script
+
+    def seek(t: float, peak: float) -> Status:
+        monkeypatch.setattr(
+            AssessedTrack, "forecast_ahead", lambda _, k: PeakAhead(float(script.t[k]), peak, 0.1)
+        )
+        flight.act("seek", t)
+        return flight.headline.status
+
+    assert seek(1.0, 0.99) is Status.OK
+    assert seek(1.2, 1.0) is Status.NO_ALERT
+    assert Seen(flight.watch()).take()[0]["status"] == "no_alert"
+    flight.act("step", 1)
+    assert flight.headline.status is Status.NO_ALERT  # until the next forecast
+    script.late = lambda k: "it came late"
+    flight.act("step", 1)
+    assert not flight.facts.predicted
 
 
 def test_who_joins_a_paused_flight_is_told_the_rest_by_its_newest_sample():

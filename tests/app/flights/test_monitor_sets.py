@@ -22,7 +22,7 @@ from app.store.store import InUse, Store, open_store
 from app.telemetry.journal import Journals
 from app.telemetry.reading import read_file
 from core.channels import KEYS
-from core.limits.limits import Limits
+from core.limits.limits import Limits, SafeInterval
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.monitor_set import MonitorCase, MonitorSet
 from tests.support import oscillator
@@ -277,7 +277,7 @@ def test_beyond_the_limit_of_every_monitor_exceeds_between_the_conditions(run: C
             (alarm,) = (each for each in flight.alarms.at_hand if each.kind == "limit")
             assert alarm.exceedance.limit == 0.5
             assert alarm.reason == "beyond the limit of every monitor of the set"
-            assert "0.5 g" in flight.monitor_set.beyond
+            assert flight.monitor_set.widest == {"Ny": SafeInterval(low=-0.5, high=0.5)}
             assert next(c.limit for c in flight._channels if c.key == "Ny") is None
 
     run(test)

@@ -97,7 +97,8 @@ def test_a_list_calls_a_flight_between_manoeuvres_as_its_page_does(strips: Open)
         }""",
         flight,
     )
-    assert told == {"words": "◆ NOT ASSESSED", "level": "caution"}
+    word = "◆ NOT ASSESSED"
+    assert told == {"words": word, "parts": [word], "level": "caution"}
 
 
 def test_page_and_scene_word_a_headline_alike(strips: Open) -> None:

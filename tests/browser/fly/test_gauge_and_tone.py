@@ -331,18 +331,6 @@ def test_the_bar_of_the_gauge_is_red_in_an_alert_and_never_calm_beside_a_warning
     assert colours[1] == colours[2] != colours[0]
 
 
-def test_nothing_looks_well_where_an_exceedance_is_predicted(strips: Open) -> None:
-    code = """async (forecast) => {
-      const { beside, textOf } = await import("/static/js/fly/headline.js");
-      const ok = { status: "ok", level: "none", beside: [], exceeded_t: null, verdict: null };
-      const shown = beside(ok, forecast);
-      return [shown.level, textOf(shown)];
-    }"""
-    page = strips()
-    assert page.evaluate(code, "none") == ["none", "✓ OK"]
-    assert page.evaluate(code, "predicted") == ["advisory", "NO ALERT · exceedance predicted"]
-
-
 def test_the_alarm_line_is_never_calm_after_an_exceedance(strips: Open) -> None:
     code = """async (exceeded_t) => {
       const { createAlarmPanel } = await import("/static/js/fly/alarm_panel.js");

@@ -6,6 +6,7 @@ import pytest
 from playwright.sync_api import expect
 
 from core.channels import KEYS
+from core.monitor.assessment import Cause
 from tests.browser.fly.test_fly_page import SAFE, Fly, site, stored
 from tests.browser.fly.test_live import DT, Live
 from tests.browser.strips import Open
@@ -17,9 +18,6 @@ CARD: dict[str, Any] = {
     "length": 5,
 }
 BEGUN = [{"number": 1, "t": 10}, {"number": 2, "t": 30}]
-MEASURED = "trim is measured: it needs 0.7 s of rest before the manoeuvre"
-READY = "no manoeuvre is under way: it begins with the first movement of a surface"
-MOVING = "the surfaces move: trim is measured as soon as they rest"
 
 PHASE = """async ([card, begun, frame]) => {
   const { phaseOf } = await import("/static/js/fly/test_card.js");
@@ -29,25 +27,25 @@ PHASE = """async ([card, begun, frame]) => {
 
 
 @pytest.mark.parametrize(
-    ("t", "reason", "shown"),
+    ("t", "cause", "shown"),
     [
-        (9.5, "", ["before", "step", 0, 0.5]),
-        (10.4, "", ["input", "step", 1, 0.6]),
-        (11.5, "", ["input", "step", 2, 0.5]),
-        (12.0, "", ["response", "end", None, 3.0]),
-        (15.5, "", ["after", "step", 0, 14.5]),
-        (31.0, "", ["input", "step", 2, 1.0]),
-        (36.0, "", ["after", "test end", 0, None]),
-        (36.0, MEASURED, ["after", "rest", None, None]),
-        (36.0, MOVING, ["after", "stillness", None, None]),
-        (36.0, READY, ["after", "step", 0, None]),
-        (1.0, READY, ["before", "step", 0, 9.0]),
+        (9.5, None, ["before", "step", 0, 0.5]),
+        (10.4, None, ["input", "step", 1, 0.6]),
+        (11.5, None, ["input", "step", 2, 0.5]),
+        (12.0, None, ["response", "end", None, 3.0]),
+        (15.5, None, ["after", "step", 0, 14.5]),
+        (31.0, None, ["input", "step", 2, 1.0]),
+        (36.0, None, ["after", "test end", 0, None]),
+        (36.0, Cause.REST, ["after", "rest", 0, None]),
+        (36.0, Cause.MOVING, ["after", "stillness", 0, None]),
+        (36.0, Cause.READY, ["after", "step", 0, None]),
+        (1.0, Cause.READY, ["before", "step", 0, 9.0]),
     ],
 )
 def test_the_phase_follows_the_first_input_and_names_what_comes_next(
-    strips: Open, t: float, reason: str, shown: list[Any]
+    strips: Open, t: float, cause: str | None, shown: list[Any]
 ) -> None:
-    frame = {"t": t, "reason": reason, "cause": None}
+    frame = {"t": t, "cause": cause}
     assert strips().evaluate(PHASE, [CARD, BEGUN, frame]) == shown
 
 

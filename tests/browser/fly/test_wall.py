@@ -1,5 +1,6 @@
 """Wall mode: read from 5 m, on a link and by a key, in every state and with long names."""
 
+import re
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from playwright.sync_api import Page, expect
 from tests.browser.chromium import violations, wait_until
 from tests.browser.fly.test_live import Live, site, stored
 from tests.browser.site import Site
+from tests.browser.strips import Open
 from tests.support import any_flight
 
 __all__ = ["site", "stored"]
@@ -143,11 +145,59 @@ def test_all_that_the_wall_shows_is_legible_from_5_m(
     expect(page.locator(".masthead")).to_be_hidden()
     expect(page.locator(".strip-chart")).to_be_hidden()
     expect(page.locator(".wall-row")).to_have_count(3 if long else 1)
+    expect(page.locator(".wall-mode")).to_have_text("DEMONSTRATION RECORDING")
+    expect(page.locator(".wall-sound")).to_have_text(re.compile("Sound blocked|^$"))
     if state in ("exceeding", "alarm"):
         worst = page.locator(".wall-row[data-exceeded] .wall-value")
         expect(worst).to_contain_text("▲")
         expect(page.locator(".wall-row[data-exceeded] .wall-limit")).to_contain_text("peak, limit")
     assert_legible(page)
+
+
+def between(flight: dict[str, Any]) -> dict[str, Any]:
+    """The same flight on a monitor set, between its conditions, whose limits differ."""
+    hello = flight["hello"]
+    limited = [about["key"] for about in hello["channels"] if about["high"] is not None]
+    widest = {key: {"low": -9, "high": 9, "rest": 0} for key in limited}
+    for about in hello["channels"]:
+        about |= {"low": None, "high": None, "limit": None}
+    hello["monitor_set"] = {
+        "id": "s", "name": "doublets", "fixed": {}, "case": "", "widest": widest,
+        "reason": "not applicable: no monitor for this Mach number",
+        "conditions": [{"name": "slow", "ranges": {}, "monitor": "m", "monitor_name": "m",
+                        "alert_above": 0.1, "warnings": []}],
+    }  # fmt: skip
+    return flight
+
+
+@pytest.mark.parametrize(("state", "rows"), [("stale", 0), ("exceeding", 1)])
+def test_between_the_conditions_of_a_set_the_wall_gives_reason_and_what_exceeds(
+    own_page: Page, fresh: Site, allowed_errors: list[str], state: str, rows: int
+) -> None:
+    allowed_errors.append("AudioContext was not allowed")
+    page, flight = own_page, between(recording(state, 1, False))
+    page.route("**/js/start/recording.json", lambda route: route.fulfill(json=flight))
+    page.goto(f"{fresh.http}/#/demonstration?wall")
+    why = page.locator(".wall-why")
+    expect(why).to_have_text("◆ NO MONITOR IN USE: no monitor for this Mach number")
+    expect(page.locator(".wall-row")).to_have_count(rows)
+    if rows:
+        expect(page.locator(".wall-row .wall-value")).to_contain_text("▲")
+        expect(page.locator(".wall-row .wall-limit")).to_contain_text("peak, limit")
+    assert_legible(page)
+
+
+def test_an_ended_flight_has_a_short_state_and_its_verdict_beside_it(strips: Open) -> None:
+    code = """async (flight) => {
+      const { resultOf } = await import("/static/js/fly/headline.js");
+      return resultOf(flight).parts;
+    }"""
+    page, text = strips(), "LIMIT EXCEEDED, warned 0.80 s before the limit"
+    flight = {"progress": "ended", "level": "caution", "status": "exceeded", "beside": []}
+    exceeded = flight | {"verdict": {"text": text, "warning": "Warned"}, "exceeded_t": 1.7}
+    assert page.evaluate(code, exceeded) == ["◆ EXCEEDED", text]
+    calm = flight | {"level": "none", "status": "ok", "verdict": None, "exceeded_t": None}
+    assert page.evaluate(code, calm) == ["ENDED"]
 
 
 @pytest.mark.parametrize("state", STATES)

@@ -31,6 +31,7 @@ WORST_FIRST = (
     "not_assessed",
     "not_calibrated",
     "exceeded",
+    "no_alert",
     "ok",
 )
 
@@ -48,6 +49,7 @@ def true_of(facts: Facts) -> set[str]:
     said |= {"not_assessed"} if facts.unassessed else set()
     said |= set() if facts.calibrated else {"not_calibrated"}
     said |= {"exceeded"} if facts.exceeds or facts.exceeded_t else set()
+    said |= {"no_alert"} if facts.predicted else set()
     return said
 
 
@@ -90,6 +92,12 @@ def test_between_manoeuvres_nothing_is_called_invalid() -> None:
     invalid = headline(Facts(invalid=True, stale=True))
     assert in_words(invalid) == "STALE · INVALID"
     assert in_words(invalid, Cause.BETWEEN) == "STALE · NOT ASSESSED"
+
+
+def test_nothing_looks_well_where_an_exceedance_is_predicted() -> None:
+    predicted = headline(Facts(predicted=True))
+    assert predicted == Headline(Status.NO_ALERT, Level.ADVISORY)
+    assert in_words(predicted) == "NO ALERT · exceedance predicted"
 
 
 def test_red_is_for_warnings_that_ask_for_action_now() -> None:

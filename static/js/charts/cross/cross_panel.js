@@ -9,7 +9,8 @@
  */
 
 import { reason } from "../../lib/api.js";
-import { button, h, put } from "../../lib/dom.js";
+import { channelName } from "../../lib/catalog.js";
+import { button, h, piecesOf, put } from "../../lib/dom.js";
 import { isLimited } from "../../lib/limits.js";
 import { formatTime } from "../../lib/numbers.js";
 import { limitsAt, stripOf } from "../strips.js";
@@ -21,6 +22,9 @@ const TRAILS = [2, 5, 10, 30, 60]; // s
 const USUAL_TRAIL = 10;
 const USUAL = [["delta_r", "beta"], ["beta", "Ny"], ["Nz", "alpha"]]; // [across, up]
 const DESCRIBED_EVERY = 1000; // ms
+
+/** "Ny lateral acceleration": an option has no subscripts. */
+const nameOf = (channel) => piecesOf(channelName(channel)).flat().join("");
 
 export function createCrossPanel({ channels, strips, dt, simulated, address, changed }) {
   const held = h("div.cross-plots");
@@ -57,7 +61,7 @@ export function createCrossPanel({ channels, strips, dt, simulated, address, cha
     const note = h("p.cross-note.dim", { hidden: true });
     const selects = pair.map((key, side) => {
       const choose = () => exchange(plot, side, select.value);
-      const select = h("select", { "aria-label": side === 1 ? "Channel upwards" : "Channel across", onchange: choose }, channels.map((channel) => h("option", { value: channel.key }, channel.symbol === channel.label ? channel.symbol : `${channel.symbol}  ${channel.label}`)));
+      const select = h("select", { "aria-label": side === 1 ? "Channel upwards" : "Channel across", onchange: choose }, channels.map((channel) => h("option", { value: channel.key }, nameOf(channel))));
       select.value = key;
       return select;
     });

@@ -328,7 +328,7 @@ function createSource({ strips, ring, seriesOf, intake, timeline, alertAbove, le
   function bar(view) {
     const behind = view.now - (view.end - lead);
     const late = !view.live && behind > 0.05 ? `, ${behind.toFixed(1)} s behind` : "";
-    return { mode: modeOf(view), interval: `${intervalText(view.end - view.start)}${late}` };
+    return { mode: modeOf(view), interval: `window ${intervalText(view.end - view.start)}${late}` };
   }
 
   /** Green only while the window follows arriving data. */

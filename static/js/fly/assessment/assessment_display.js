@@ -11,7 +11,8 @@
  *   useAuthority()             the alarm authority in hello changed
  *   lose(), resume()           the connection; after it the newest sample counts again
  *   refresh(wall) -> Headline      draws the gauge; returns the headline for every view, stale where samples stopped
- *   withdrawal, cause          cause of the newest invalid sample; why it is stale, empty without a reason
+ *   withdrawal, cause, reason  cause of the newest invalid sample; why it is stale, empty without a reason; why there is no
+ *                              assessment now, without the word of its state
  *   seq, t, y                  of the newest sample; -1 and null for none.   newest    its frame
  */
 
@@ -19,9 +20,9 @@ import { createFlightChart } from "../../charts/live/flight_chart.js";
 import { createTimeline } from "../../charts/live/timeline.js";
 import { createSimulated } from "../../charts/simulated.js";
 import { keepWindow } from "../../lib/address.js";
-import { shownState } from "../../lib/states.js";
+import { reasonOf, shownState } from "../../lib/states.js";
 import { alertLevel } from "../flight_monitors.js";
-import { beside, headlineOf, isStale } from "../headline.js";
+import { headlineOf, isStale } from "../headline.js";
 import { createStarts } from "../manoeuvre_starts.js";
 import { windowOf } from "../panels.js";
 import { createRestOfCard } from "./rest_of_card.js";
@@ -183,6 +184,9 @@ export function createAssessmentDisplay(panels, { hello, api, path, alarm, event
     get cause() {
       return assessment.state === "stale" ? assessment.reason : "";
     },
+    get reason() {
+      return assessment.state === "ok" ? "" : reasonOf(assessment);
+    },
     get seq() {
       return newest?.seq ?? -1;
     },
@@ -196,10 +200,9 @@ export function createAssessmentDisplay(panels, { hello, api, path, alarm, event
       return newest;
     },
     refresh: (wall) => {
-      const now = headlineNow(wall);
-      const stale = isStale(now);
-      const forecast = rest.draw(stale, linked && late === null ? chart.ahead : null, newest?.t ?? 0, sampled ? shownState(assessment) : null, hello.channels, now);
-      const headline = beside(now, forecast);
+      const headline = headlineNow(wall);
+      const stale = isStale(headline);
+      rest.draw(stale, linked && late === null ? chart.ahead : null, newest?.t ?? 0, sampled ? shownState(assessment) : null, hello.channels, headline);
       gauge.draw(wall, headline);
       ahead.draw(stale);
       return headline;

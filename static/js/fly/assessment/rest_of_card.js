@@ -3,10 +3,9 @@
  *
  * Where nothing is forecast, it gives the reason; a method that never forecasts is hidden.
  *
- * createRestOfCard(element, noRest) -> {draw(stale, ahead, t, state, channels, headline) -> level}     each frame
+ * createRestOfCard(element, noRest) -> {draw(stale, ahead, t, state, channels, headline)}     each frame
  *     noRest: why the monitor never forecasts it; empty where it does
  *     headline: of the flight, {status, exceeded_t}: what is exceeded is not predicted
- *     level: "predicted", "possible", "none" or "unknown"
  *     ahead: see charts/live/flight_chart.js; t, state: of the newest sample [s], as shown; null for none
  */
 
@@ -30,7 +29,7 @@ export function createRestOfCard(element, noRest) {
   element.append(h("h2", { class: "risk-ahead-heading" }, "rest of the test card"), line);
   const now = {};
   let worst = null; // of the forecast
-  let [level, shown] = ["unknown", ""];
+  let shown = "";
   element.hidden = Boolean(noRest);
 
   /** Level and words. */
@@ -46,16 +45,14 @@ export function createRestOfCard(element, noRest) {
 
   function draw(stale, ahead, t, state, channels, { status = "", exceeded_t: exceeded = null } = {}) {
     const isSame = ahead === now.ahead && channels === now.channels;
-    if (isSame && stale === now.stale && t === now.t && state === now.state && status === now.status && exceeded === now.exceeded) return level;
+    if (isSame && stale === now.stale && t === now.t && state === now.state && status === now.status && exceeded === now.exceeded) return;
     if (!isSame) worst = worstOf(ahead, channels);
     Object.assign(now, { stale, ahead, t, state, channels, status, exceeded });
-    let text = "";
-    [level, text] = reading(now);
-    if (`${level} ${text}` === shown) return level;
+    const [level, text] = reading(now);
+    if (`${level} ${text}` === shown) return;
     shown = `${level} ${text}`;
     element.dataset.level = level;
     line.replaceChildren(formatted(text));
-    return level;
   }
 
   return { draw };
