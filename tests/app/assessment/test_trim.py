@@ -262,7 +262,7 @@ def test_a_person_may_take_a_rest_beyond_the_limit_for_trim() -> None:
 def test_an_exceedance_that_has_ended_is_no_part_of_the_trim_of_a_manoeuvre_begun_by_hand() -> None:
     trim = after_a_manoeuvre()
     levels((10, 0.6), (10, 0.1), trim=trim)
-    assert trim.reason != EXCEEDED
+    assert trim.waits[0] != EXCEEDED
     assert trim.begin()
     assert trim.level[NY] == pytest.approx(0.1)
 
