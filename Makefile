@@ -1,4 +1,4 @@
-.PHONY: demo study studies test fuzz lint types bench command-line pictures clean
+.PHONY: demo study studies test fuzz lint types types-page bench command-line pictures clean
 VENV := .venv
 BIN := $(VENV)/bin
 PYTHON ?= python3
@@ -39,6 +39,9 @@ lint: $(READY) ## style, formatting and the direction of imports
 
 types: $(READY) ## static types
 	$(BIN)/pyright
+
+types-page: ## types of the page's modules, by TypeScript from the npm registry
+	npx --yes --package typescript@7 tsc --project static/jsconfig.json
 
 bench: $(READY) ## ratios against public peers, each pair in one run
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m benchmark -s tests/benchmarks

@@ -95,6 +95,7 @@ export function createStrip(canvas, strip) {
     return [low, high];
   }
 
+  /** @param {number[]} seen */
   function isOver([low, high]) {
     const tightest = holdsOf(strip).filter(({ limits }) => limits !== null);
     return tightest.some(({ limits }) => isBeyond(limits.map(Math.fround), low, high).includes(true));

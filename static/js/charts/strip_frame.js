@@ -211,8 +211,8 @@ export function createStripFrame(canvas, strip) {
 
   /** The first text that fits the gutter: fewer digits, then thousands and millions. */
   function fitting(texts, value) {
-    const scaled = [[1e3, "k"], [1e6, "M"]].filter(([factor]) => Math.abs(value) >= factor);
-    const all = [...texts, ...scaled.map(([factor, prefix]) => signed(value / factor, 3) + prefix)];
+    const scaled = [{ factor: 1e3, prefix: "k" }, { factor: 1e6, prefix: "M" }].filter(({ factor }) => Math.abs(value) >= factor);
+    const all = [...texts, ...scaled.map(({ factor, prefix }) => signed(value / factor, 3) + prefix)];
     return all.find((text) => pen.measureText(text).width <= GUTTER - 6) ?? all.at(-1);
   }
 

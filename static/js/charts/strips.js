@@ -35,7 +35,7 @@ function shownAs(unit, decimals) {
   return { display_unit: unit, display_factor: 1, display_decimals: decimals };
 }
 
-export function stripOf(key, channels, { narrowAfter } = {}) {
+export function stripOf(key, channels, { narrowAfter = undefined } = {}) {
   const risk = key === RISK.key;
   const channel = risk ? RISK : key === MARGIN ? OF_LIMITS : channels.find((candidate) => candidate.key === key);
   if (channel === undefined) throw new Error(`strip ${key} is not a channel of this flight`);

@@ -41,7 +41,7 @@ export function createStatusStrip(element) {
   element.prepend(mode);
   items.state.box.setAttribute("role", "status"); // spoken when it changes
 
-  function update({ mode: from, source, monitor, warnings = [], validity = "checked", link, staleAfter, playing, live, recorded = false, noRest = "", headline, cause, result, figures }) {
+  function update({ mode: from, source, monitor, warnings = [], validity = "checked", link, staleAfter, playing, live, recorded = false, noRest = "", headline, cause = null, result = null, figures }) {
     const linked = live && link === "open";
     showMode(mode, live ? from : "record");
     show("source", withoutMode(source, from));
@@ -71,6 +71,7 @@ export function createStatusStrip(element) {
     }
 
     /** The word is the largest text of the page. */
+    /** @param {string[]} words */
     function showState([word, beside = ""], level) {
       if (show("state", [word, beside].filter(Boolean).join(" · "), level))
         items.state.value.replaceChildren(h("span.state-word", word), beside && h("span.state-beside", h("span.visually-hidden", " · "), beside));

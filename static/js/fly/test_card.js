@@ -70,7 +70,7 @@ export function createTestCard(element) {
     showCondition(frame, sent);
   }
 
-  function nextWords({ what, step, wait }, { t }) {
+  function nextWords({ what, step = 0, wait }, { t }) {
     if (what !== "rest") rest = null;
     else if (rest === null || t < rest) rest = t;
     const words = {

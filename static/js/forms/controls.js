@@ -78,6 +78,7 @@ export function fieldOf(control, { label, words, hint = "", title = null, path =
   }
 }
 
+/** @param {any} label @param {any} control @param {{hint?: any, unit?: string}} [more] */
 export function labelled(label, control, { hint = "", unit = "" } = {}) {
   const words = [label, unit && h("span.unit", ` [${unit}]`)];
   return fieldOf(control, { label: words, words: label, hint });

@@ -48,7 +48,7 @@ export function createEventList(element, { go, label = "Events, newest first", m
     moved.sort((a, b) => a.t - b.t).forEach(place);
   }
 
-  function add({ t, at = t, when, text, level = "", seen = false }) {
+  function add({ t, at = t, when = null, text, level = "", seen = false }) {
     const key = `${t === null ? "" : t.toFixed(3)} ${text}`;
     const again = known.get(key);
     if (again !== undefined) {

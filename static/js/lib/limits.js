@@ -43,6 +43,7 @@ export function withLimits(channels, given) {
   });
 }
 
+/** @param {number[]} limits */
 export function isBeyond([least, greatest], low, high = low) {
   return [low <= least, high >= greatest];
 }

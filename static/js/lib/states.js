@@ -15,11 +15,11 @@ export const STATE_WORDS = {
 export const WITHDRAWN = ["not_applicable", "limits_unknown"];
 
 /** Between manoeuvres there is no guarantee to withdraw. */
-export function shownState({ state, cause }) {
+export function shownState({ state, cause = null }) {
   return state === "invalid" && cause === "between_manoeuvres" ? "not_assessed" : state;
 }
 
-export function stripState({ state, cause }) {
+export function stripState({ state, cause = null }) {
   return state === "invalid" && WITHDRAWN.includes(cause) ? cause : shownState({ state, cause });
 }
 

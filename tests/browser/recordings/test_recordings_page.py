@@ -123,7 +123,7 @@ def test_a_correction_is_shown_in_the_data_at_once(page: Page, site: RecordedSit
     )
     page.get_by_label("bias removed from sideslip β in deg").fill("57.3")
     expect(words).to_have_text(re.compile(r"^−6\d\.\d to −5\d\.\d deg$"))
-    page.get_by_role("button", name=re.compile("^Units")).click()
+    page.get_by_role("button", name=re.compile("^Units")).dblclick()
     expect(words).to_have_text(re.compile(r"^−1\.0\d* to −0\.9\d* rad$"))
     expect(page.get_by_label("bias removed from sideslip β in rad")).to_have_value("1.00007")
     expect(row(page, "beta").locator(".map-verdict")).to_have_text("set by you")

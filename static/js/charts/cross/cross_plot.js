@@ -26,12 +26,12 @@ const FAINTEST = 0.12;
 const OVERLAP = 12; // px between an axis' words
 const MOST = 20_000; // samples of a trail
 
-const COLUMNS = ["t", "xLow", "xHigh", "yLow", "yHigh"];
 
 export function createCrossPlot(canvas, { x, y, dt }) {
   const sheet = createSheet(canvas);
   const ground = createSheet(document.createElement("canvas"));
-  const points = { n: 0, cut: new Uint8Array(MOST), ...Object.fromEntries(COLUMNS.map((name) => [name, new Float64Array(MOST)])) };
+  const column = () => new Float64Array(MOST);
+  const points = { n: 0, cut: new Uint8Array(MOST), t: column(), xLow: column(), xHigh: column(), yLow: column(), yHigh: column() };
   let flights = null;
   let grounded = ""; // what the ground shows
   let look = 0; // counts changes of colours and flights

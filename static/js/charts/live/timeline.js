@@ -33,7 +33,7 @@ export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter =
   const shown = createTimeWindow({ width: seconds, least: SHORTEST, longest: LONGEST, follow });
   const { changed } = shown;
   let settled = -Infinity;
-  let ageAt = () => NaN;
+  let ageAt = (_wall) => NaN;
 
   const timeline = {
     __proto__: shown,

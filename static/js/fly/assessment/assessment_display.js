@@ -32,7 +32,7 @@ import { createRiskGauge } from "./risk_gauge.js";
 const MOST = 5000; // samples before a point that is sought
 const PAGE = 10_000; // frames that the server sends at once
 const READING = 1000; // ms that reading the source may take
-const LOST = { state: "stale", reason: "connection lost" };
+const LOST = { state: "stale", reason: "connection lost", cause: null };
 const ALARMED = ["stale", "invalid"]; // cautions, which are listed as alarms
 
 export function createAssessmentDisplay(panels, { hello, api, path, alarm, events, address }) {

@@ -27,7 +27,7 @@ export function createRestOfCard(element, noRest) {
   element.setAttribute("aria-label", "Rest of the test card");
   const line = h("p", {});
   element.append(h("h2", { class: "risk-ahead-heading" }, "rest of the test card"), line);
-  const now = {};
+  const now = /** @type {any} */ ({});
   let worst = null; // of the forecast
   let shown = "";
   element.hidden = Boolean(noRest);

@@ -57,7 +57,7 @@ export function createRiskGauge(element, timeline = null) {
   const reason = h("p.gauge-reason");
   element.classList.add("risk-gauge");
   element.replaceChildren(h("h2.gauge-heading", "risk (higher is worse)"), dial, level, reason);
-  let reading = { state: null };
+  let reading = /** @type {any} */ ({ state: null });
   let shown = "";
 
   function draw(wall, headline = null) {
