@@ -49,7 +49,7 @@ def clear_next(
     flown = campaign.flown(point.condition)
     rule = calibrate(campaign.build_up(point), campaign.clearance, progress)
     epsilon = with_monitor(rule, progress).epsilon if monitored else None
-    clear_below = rule.clear_below if epsilon is None else CLEARED
+    clear_below = None if rule.is_rare else rule.clear_below if epsilon is None else CLEARED
     records = [samples_of(step.flown) for step in flown if step.flown]
     verdict = rule.decide(records, clear_below)
     withdrawn = tuple(
@@ -61,7 +61,7 @@ def clear_next(
     clearing = Clearing(
         verdict.cleared and not withdrawn,
         verdict.p_value,
-        None if rule.is_rare else clear_below,
+        clear_below,
         verdict.reached,
         None if withdrawn else verdict.amplitude_deg,
         withdrawn,

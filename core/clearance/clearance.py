@@ -346,8 +346,10 @@ class Clearance:
         if not self.is_rare:
             p_value = float(self.p_values(prediction.score)[0])
             p_error = float(self.p_errors(prediction.score)[0])
-        highest = self.clear_below if clear_below is None else clear_below
-        is_safe = high < 1.0 if p_value is None else p_value <= highest
+        if p_value is None:
+            is_safe = high < 1.0
+        else:
+            is_safe = p_value <= (self.clear_below if clear_below is None else clear_below)
         spare = self.amplitude_spare
         factor = None if spare is None else exp(spare - float(prediction.mean[0]))
         return PointVerdict(

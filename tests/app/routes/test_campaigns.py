@@ -13,6 +13,7 @@ from app.campaigns.point import Clearing
 from app.campaigns.stored import Campaigns
 from app.commands.sample_flight import table
 from app.store.campaigns import CampaignChanged
+from core.clearance import clearance as clearance_module
 from core.clearance.clearance import ClearanceRecipe
 from core.clearance.with_monitor import WithMonitor
 from core.planned_test.planned_test import LateralSimulator
@@ -312,6 +313,20 @@ def test_an_exceedance_puts_the_next_point_on_hold(client: TestClient) -> None:
     assert "60% did not pass" in point["clearing"]["withdrawn"]
     words = problem(client.post(f"{path}/confirm", json={"point": "80%", "by": "Ann"}), 409)
     assert "'80%' cannot be confirmed in state 'hold'" in words
+
+
+def test_a_point_that_hardly_any_aircraft_exceeds_is_cleared_without_a_p_value(
+    client: TestClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(clearance_module, "MOST_AIRCRAFT", 1_000)
+    harmless = {"dataset": TEST | {"limits": {"Ny": 3.0}}, "steps": [0.6, 0.8]}
+    path = planned(client, conditions=[harmless])
+    flown = {"point": "60%", "recording": recording(client, path), "by": "Bob"}
+    assert client.post(f"{path}/flown", json=flown).status_code == 200
+    job = finished(client, client.post(f"{path}/clearance", json={"point": "80%", "by": "Ann"}))
+    assert job["result"]["state"] == "on condition", job
+    clearing = client.get(path).json()["points"][1]["clearing"]
+    assert (clearing["p_value"], clearing["clear_below"]) == (None, None)
 
 
 def test_a_smaller_step_is_planned_before_a_refused_point(client: TestClient) -> None:
