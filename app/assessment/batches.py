@@ -36,6 +36,9 @@ _FLOATS = {float}
 _NOTHING = [NAN]
 _decoder = msgspec.json.Decoder()
 
+MOST_S = 1e11
+"""No source has later times [s]; since 1970 in ms or finer, they are."""
+
 
 class Batch(NamedTuple):
     """A batch of a source. sequence: its number; None if the source gives none."""
@@ -189,6 +192,9 @@ class ChannelReader:
     def check(self, batch: Batch, needed: Collection[str]) -> None:
         """TelemetryError if a flight cannot begin with this batch."""
         samples = self.samples(batch)
+        latest = max(samples, key=lambda sample: abs(sample.t)).t
+        if abs(latest) > MOST_S:
+            raise TelemetryError(f"a time of {latest:.4g} s is implausible: send times in seconds")
         lacking = [
             channel.key
             for c, channel in enumerate(self._channels)

@@ -154,9 +154,17 @@ def _flight_time(state, arrived, t):
     clock = state.clock
     t += clock[OFFSET]
     expected = clock[NEWEST] + arrived - clock[NEWEST_ARRIVED]
-    if np.isnan(clock[GRID]) or t <= expected + STEP_S:
+    if np.isnan(clock[GRID]):
+        return (t, 1.0) if _can_begin(clock, t) else (arrived, 0.0)
+    if t <= expected + STEP_S:
         return t, 1.0
     return expected, 0.0
+
+
+@inlined
+def _can_begin(clock, t):
+    """Whether times near t are fine enough for a grid: not those in nanoseconds since 1970."""
+    return t + clock[DT] > t
 
 
 @jit
@@ -205,7 +213,10 @@ def _add(state, arrived, t_sent, values):
     counts[N_RECEIVED] += 1
     t = t_sent + clock[OFFSET]
     if np.isnan(clock[GRID]):
-        return _accept(state, arrived, t, values, number)
+        if _can_begin(clock, t):
+            return _accept(state, arrived, t, values, number)
+        counts[IMPLAUSIBLE] += 1
+        return False
     known = _recent(state, t)
     if known >= 0:
         if _equal(state.recent[known, 1:], values):

@@ -19,6 +19,13 @@ MAPPED = Mapping(
 VALUES: tuple[Any, ...] = (0.0, -0.0, 0.25, 3, None, 1e9)
 
 
+@pytest.mark.parametrize("t", [1.7e12, -1.7e15, 1.7e18])
+def test_no_flight_begins_with_a_time_that_is_no_second(t: float) -> None:
+    batch = decode_batch(f'{{"t": [0.0, {t}], "beta": [0, 0]}}')
+    with pytest.raises(TelemetryError, match=r"is implausible: send times in seconds"):
+        ChannelReader(None).check(batch, ("beta",))
+
+
 @pytest.mark.parametrize("mapping", [None, MAPPED], ids=["own names", "mapped"])
 def test_samples_sent_alone_are_those_sent_together(mapping: Mapping | None) -> None:
     reader, generator = ChannelReader(mapping), np.random.default_rng(0)

@@ -135,6 +135,16 @@ def test_one_wild_time_is_not_believed() -> None:
     assert out[-1].t == arrivals[-1]
 
 
+def test_times_too_coarse_for_the_grid_begin_no_flight() -> None:
+    """Else a grid of 20 ms never got past one of nanoseconds since 1970."""
+    resampler = CausalGrid(DT, DELAY)
+    assert resampler.push(3.0, Sample(1.7e18, at(0.0))) == []
+    assert resampler.pushed_at == (3.0, False)
+    assert resampler.counts.implausible_times == 1
+    (first,) = resampler.push(3.5, Sample(1.0, at(1.0)))
+    assert first.t == 1.0
+
+
 def test_a_source_that_is_too_slow_says_so_instead_of_a_number() -> None:
     out, _ = flown(np.arange(40) * 2.0 * DT)
     assert np.isnan(out[-1].y).all()
