@@ -25,6 +25,10 @@ TOKEN, UDP_KEY = "FOREWARN_TOKEN", "FOREWARN_UDP_KEY"
 FASTEST = "max"
 LAST_S = 2.0
 """Longest wait of an interrupted push for acknowledgements."""
+NOT_AS_FLOWN = (
+    "not sent at the recorded rate: a warning is timed by the clock, so the flight's verdict on it "
+    "is not that of the real flight; use --rate 1x for that"
+)
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -80,7 +84,7 @@ def run(options: argparse.Namespace) -> int:
     udp_key = os.environ.get(UDP_KEY)
     client = LiveClient(options.server, token, way=options.way, udp_key=udp_key)
     rows = _prepared(client, options)
-    for note in rows.notes:
+    for note in (*rows.notes, *([NOT_AS_FLOWN] if rate != 1.0 else [])):
         print(note, file=sys.stderr)
     print(f"pushing into {client.address}", file=sys.stderr if options.json else sys.stdout)
     sys.stdout.flush()

@@ -53,7 +53,10 @@ def pushed(capsys: pytest.CaptureFixture, *words: Any) -> tuple[int, dict[str, A
 
 def test_a_file_is_pushed_in_si_units_and_is_durable(server: LiveServer, file: Path, capsys):
     options = ["--monitor", server.monitor_id, "--server", server.url, "--rate", "max"]
-    code, result = pushed(capsys, file, *options, "--name", "twice")
+    code = main(["push", str(file), *options, "--name", "twice", "--json"])
+    shown = capsys.readouterr()
+    result = json.loads(shown.out)
+    assert "not sent at the recorded rate" in shown.err
     assert (code, result["durable"], result["interrupted"]) == (0, result["samples"], False)
     assert result["address"] == f"{server.url}/#/fly/{result['flight']}"
     flight = httpx2.get(f"{server.url}/api/v1/flights/{result['flight']}").json()
