@@ -134,7 +134,7 @@ def run(options: argparse.Namespace) -> int:
     dataset = simulated(recipe.dataset)
     with stage_bar("training") as show:
         training = train_and_test(dataset, recipe.monitor, recipe.n_test, show)
-    return _finish(options, training)
+    return _finish(options, training, dataset)
 
 
 def run_on_simulator(options: argparse.Namespace) -> int:
@@ -153,7 +153,7 @@ def run_on_simulator(options: argparse.Namespace) -> int:
     with stage_bar("training") as show:
         choose = not plain.keys() & {"predictor", "score"}
         training = train_on_simulator(dataset, recipe, test, n_test, show, choose=choose)
-    return _finish(options, training, doubts_of(flights))
+    return _finish(options, training, dataset, doubts_of(flights))
 
 
 def recipe_of(options: argparse.Namespace) -> TrainingRecipe:
@@ -198,14 +198,18 @@ def run_on_rollouts(options: argparse.Namespace) -> int:
     choose = not plain.keys() & {"predictor", "score"}
     with stage_bar("training") as show:
         training = train_on_flights(dataset, recipe, choose, show)
-    return _finish(options, training, findings)
+    return _finish(options, training, dataset, findings)
 
 
 def _finish(
-    options: argparse.Namespace, training: Training, findings: Sequence[str] | None = None
+    options: argparse.Namespace,
+    training: Training,
+    whole: Dataset,
+    findings: Sequence[str] | None = None,
 ) -> int:
     """Write the monitor, store it where the options say, and print what it is.
 
+    whole: the dataset that was given, of which flights may have been held out.
     findings: of own flights; None for simulated ones.
     """
     monitor = training.monitor
@@ -221,9 +225,14 @@ def _finish(
 
         with closing(open_store(place_of(options).url, recover=False)) as store:
             name = options.out.stem
-            dataset = store.datasets.add(training.dataset, name, findings).id
-            facts |= {"dataset_id": dataset, "id": store.monitors.add(monitor, name, dataset).id}
-        lines.append(f"stored: dataset {dataset} and monitor {facts['id']}")
+            dataset = store.datasets.add(whole, name, findings).id
+            try:
+                stored = store.monitors.add(monitor, name, dataset).id
+            except BaseException:
+                store.datasets.delete(dataset)
+                raise
+        facts |= {"dataset_id": dataset, "id": stored}
+        lines.append(f"stored: dataset {dataset} and monitor {stored}")
     print_result(options, "\n".join(lines), facts)
     return 0
 

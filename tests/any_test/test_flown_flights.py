@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from starlette.testclient import TestClient
 from app.assessment.recorded import RecordedFlight
 from app.cli import main
 from app.recordings.flown_flights import RolloutSources, recorded_files
+from app.store.store import open_store
 from core.channels import LATERAL
 from core.collection import collect
 from core.dataset import Dataset
@@ -485,12 +487,14 @@ def test_the_command_line_trains_on_recordings_beside_rollouts(
     limits = ("--limit", LIMIT["limit"], "--predictor", "linear", "--score", "nearest_neighbor")
     method = (*limits, "--guarantee", "average", "--epsilon", "0.2", "--json", "--out", str(out))
     source = "--rollouts", str(tmp_path / "pitch.npz"), "--recordings", *map(str, files)
-    assert main(["train", *source, *method]) == 0
+    assert main(["train", *source, *method, "--data-dir", str(tmp_path)]) == 0
     facts = json.loads(capsys.readouterr().out)
     counts = facts["evaluation"]["calibrated_on"]
     assert counts["simulated"] > 0
     assert counts["flown"] > 0
     monitor = load(out)
+    with closing(open_store(tmp_path / "forewarn.db", recover=False)) as store:
+        assert store.datasets.get(facts["dataset_id"]).digest() == monitor.dataset_digest
     assert len(monitor.alphas) == counts["simulated"] + counts["flown"]
     used = next(each for each in facts["evaluation"]["flown"] if each["part"] != "certify")
     name = str(tmp_path / used["flight"])

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,9 @@ import pytest
 
 from app.cli import main
 from app.commands import train as train_command
+from app.store.database import StoreError
+from app.store.monitors import MonitorRepository
+from app.store.store import open_store
 from app.telemetry.recording import TelemetryError
 from app.telemetry.rollouts import GivenDictionary, read_dictionary, read_rollouts
 from core.channels import Dictionary
@@ -251,12 +254,37 @@ def test_the_command_trains_on_own_rollouts_and_says_how_well(
     assert envelope.rest[2] == pytest.approx(1.0, abs=0.01)
 
 
+LINEAR = ("--limit", "Nz=-1.1..2.9", "--predictor", "linear")
+
+
+def test_the_whole_dataset_is_stored_with_its_monitor(source: Path, tmp_path: Path) -> None:
+    rest = [*LINEAR, "--out", str(tmp_path / "pitch.fwm"), "--data-dir", str(tmp_path)]
+    assert main(["train", "--rollouts", str(source), *rest]) == 0
+    with closing(open_store(tmp_path / "forewarn.db", recover=False)) as store:
+        (monitor,), (dataset,) = store.monitors.all(), store.datasets.all()
+        assert monitor.dataset_id == dataset.id
+        assert dataset.n_unsafe + dataset.n_safe == 1600
+        assert dataset.findings is not None
+
+
+def test_a_dataset_whose_monitor_cannot_be_stored_is_not_kept(
+    source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise StoreError("the disk is full")
+
+    monkeypatch.setattr(MonitorRepository, "add", full)
+    rest = [*LINEAR, "--out", str(tmp_path / "pitch.fwm"), "--data-dir", str(tmp_path)]
+    assert main(["train", "--rollouts", str(source), *rest]) != 0
+    with closing(open_store(tmp_path / "forewarn.db", recover=False)) as store:
+        assert store.datasets.all() == []
+
+
 def test_a_method_that_is_asked_for_is_used(
     source: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "pitch.fwm"
-    rest = ["--limit", "Nz=-1.1..2.9", "--predictor", "linear", "--out", str(out)]
-    assert main(["train", "--rollouts", str(source), *rest]) == 0
+    assert main(["train", "--rollouts", str(source), *LINEAR, "--out", str(out)]) == 0
     assert "methods" not in capsys.readouterr().out
     assert load(out).forecast is None
 
