@@ -57,7 +57,7 @@ def decode_batch(content: bytes | str) -> Batch:
     except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
         raise TelemetryError(
             f"the batch is not JSON ({error}): send an object such as "
-            '{"sequence": 1, "t": 0.02, "beta": 0.01, ...}'
+            '{"sequence": 1, "t": 0.02, "beta": 0.01, ...}, with null for unknown values'
         ) from None
     if not isinstance(plain, dict):
         raise TelemetryError(
