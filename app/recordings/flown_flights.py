@@ -54,12 +54,12 @@ class RolloutSources:
     most_bytes: int = MOST_BYTES
 
     def joined(self) -> tuple[RolloutFile, tuple[str, ...]]:
-        """All of them, not yet checked, and what was found in recordings. ValueError."""
+        """All of them, not yet checked, and what was found in reading them. ValueError."""
         if self.flown is None:
-            return self.read, ()
+            return self.read, self.read.findings
         dictionary, _ = extended(self.read.dictionary, self.channels, self.limits)
         read, found = _joined(self, dictionary, self.flown)
-        return read, (*self.findings, *found)
+        return read, (*self.read.findings, *self.findings, *found)
 
     def to_dataset(self) -> tuple[Dataset, list[str]]:
         """Checked and labelled, with what was found. ValueError."""

@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from app.telemetry.contents import Columns, Signal, release
 from app.telemetry.formats import ROLLOUTS, UNNAMED
+from app.telemetry.mapping.group_times import unit_of_time
 from app.telemetry.mapping.spelling import unit_suffixes
 from app.telemetry.reading import columns_of
 from app.telemetry.recording import TelemetryError
@@ -54,7 +55,7 @@ class RolloutFile:
     dt: [s].
     fail_index: (n,) first failing sample, -1 for none; None without labels.
     theta: (n, n_parameters), named by theta_names; None if unknown.
-    flown: see LabelledFlights.
+    flown: see LabelledFlights.   findings: what to check, for a person.
     """
 
     y: Array
@@ -64,6 +65,7 @@ class RolloutFile:
     theta: Array | None = None
     theta_names: tuple[str, ...] = ()
     flown: tuple[FlownManoeuvre | None, ...] = ()
+    findings: tuple[str, ...] = ()
 
 
 class GivenDictionary(NamedTuple):
@@ -216,12 +218,16 @@ def _of_arrays(columns: Columns, wanted: _Wanted) -> RolloutFile:
 
 @dataclass(frozen=True, eq=False)
 class _Flight:
-    """One flight: t (n,) [s], columns by name as recorded, their units, and its label."""
+    """One flight: t (n,) [s], columns by name as recorded, their units, and its label.
+
+    inferred: unit of the recorded times if the file does not give it.
+    """
 
     t: Array
     columns: Mapping[str, Array]
     units: Mapping[str, str]
     unsafe: Array | None
+    inferred: str
 
 
 def _long_table(columns: Columns, wanted: _Wanted) -> Iterator[_Flight]:
@@ -266,13 +272,19 @@ def _flight(
         return np.array(columns.values(table[name].name)[rows])
 
     rest = [name for name in table if name not in (time, label)]
+    inferred = ""
+    if time is None:
+        t = np.arange(float(len(rows))) * (wanted.dt or 0.0)
+    else:
+        t, unit = values(time), table[time].unit
+        inferred = "" if unit else unit_of_time(table[time], t)
+        t = convert(t, unit or inferred, "s")
     return _Flight(
-        np.arange(float(len(rows))) * (wanted.dt or 0.0)
-        if time is None
-        else convert(values(time), table[time].unit or "s", "s"),
+        t,
         {name: values(name) for name in rest},
         {name: table[name].unit for name in rest},
         None if label is None else values(label),
+        inferred,
     )
 
 
@@ -304,7 +316,11 @@ def _of_flights(flights: Iterator[_Flight], wanted: _Wanted) -> RolloutFile:
             _chosen(list(flight.columns), known.key, f"{name}, flight {k + 1}")
             values, unit = flight.columns[known.key], flight.units[known.key]
             y[k, : len(flight.t), c] = wanted.in_si(values, unit, known)
-    return RolloutFile(y, dt, dictionary, _table_labels(read))
+    findings = ()
+    if (unit := first.inferred) not in ("", "s"):
+        text = f"the times have no unit and are read as {unit}, one sample every {dt:g} s"
+        findings = (f"{text}: if that is wrong, name their column t [s]",)
+    return RolloutFile(y, dt, dictionary, _table_labels(read), findings=findings)
 
 
 def _table_labels(flights: Sequence[_Flight]) -> Indices | None:

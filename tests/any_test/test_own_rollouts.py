@@ -56,6 +56,21 @@ def test_every_kind_of_source_gives_the_same_flights(
     assert read.fail_index.tolist() == LABELS.tolist()
 
 
+@pytest.mark.parametrize("place", [as_long_csv, as_folder])
+def test_times_without_a_unit_are_read_as_those_of_recordings_are(
+    place: Callable[[Path, Array], Path], tmp_path: Path
+) -> None:
+    source = place(tmp_path, flights())
+    for file in source.glob("*.csv") if source.is_dir() else [source]:
+        frame = pd.read_csv(file)
+        frame["t [s]"] = (1e3 * frame["t [s]"]).round().astype(int)
+        frame.rename(columns={"t [s]": "t"}).to_csv(file, index=False)
+    read = read_rollouts(source)
+    assert read.dt == pytest.approx(DT)
+    (finding,) = read.findings
+    assert "read as ms, one sample every 0.05 s" in finding
+
+
 def as_pandas_csv(folder: Path, frame: pd.DataFrame) -> Path:
     frame.to_csv(folder / "pandas.csv")
     return folder / "pandas.csv"
@@ -157,6 +172,12 @@ def two_rates(folder: Path, y: Array) -> Path:
     return place
 
 
+def time_in_metres(folder: Path, y: Array) -> Path:
+    path = as_long_csv(folder, y)
+    path.write_text(path.read_text().replace("t [s]", "t [m]"))
+    return path
+
+
 def no_flight(folder: Path, y: Array) -> Path:
     path = folder / "one.csv"
     table(y, 0).to_csv(path, index=False)
@@ -198,6 +219,7 @@ def pickled(folder: Path, y: Array) -> Path:
         (two_rates, "1 of 6 flights are not sampled every 0.05 s"),
         (no_flight, "no column that names the flight"),
         (unknown_unit, "did you mean deg"),
+        (time_in_metres, "give one of s, ms"),
         (no_interval, "has no dt"),
     ],
 )

@@ -151,7 +151,7 @@ def repeated_time(columns: Columns, group: int) -> str:
         if len(forward) < 2 or not (steps >= 0.0).all() or len(forward) > MOSTLY * len(steps):
             continue
         n_each = float(np.median(np.diff(forward)))
-        unit = _unit(signal, _steps(columns.values(signal.name)))[0]
+        unit = unit_of_time(signal, columns.values(signal.name))
         step = float(np.median(steps[forward])) * factor(unit, "s")
         return (
             f"{n_each:.3g} rows share each time of {signal.name}: give the sample rate, about "
@@ -212,6 +212,11 @@ def _steps(values: Array) -> _Steps:
         scatter=float((high - low) / step) if step else 0.0,
         start=float(values[0]),
     )
+
+
+def unit_of_time(signal: Signal, values: Array) -> str:
+    """Unit of a time, given or inferred from its steps.   values: (n,) as recorded."""
+    return _unit(signal, _steps(values))[0]
 
 
 def _unit(signal: Signal, steps: _Steps) -> tuple[str, float, str]:
