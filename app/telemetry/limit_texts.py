@@ -44,8 +44,15 @@ def specified(
         )
     first = complete(dictionary, flights.y[:, :1], flights.dt)[:, 0]
     known = {each.key: rest_of(first[:, c], each) for c, each in enumerate(dictionary.channels)}
-    intervals = {key: SafeInterval(low, high, known[key]) for key, (low, high) in ends.items()}
+    intervals = {key: _interval(key, *of_key, known[key]) for key, of_key in ends.items()}
     return dictionary, IntervalLimits(dictionary, intervals)
+
+
+def _interval(key: str, low: float | None, high: float | None, rest: float) -> SafeInterval:
+    try:
+        return SafeInterval(low, high, rest)
+    except ValueError as error:
+        raise TelemetryError(f"{key}: {error}") from error
 
 
 def extended(
@@ -90,6 +97,10 @@ def _limit(
     shared = unit[2] if unit else ""
     if dots:
         least, most = (_number(end, shared, known, text) for end in (low, high))
+        if least is not None and most is not None and least >= most:
+            raise TelemetryError(
+                f"{text!r}: low is not below high: write it as {known.key}=LOW..HIGH"
+            )
     else:
         most = _number(interval, shared, known, text)
         least = None if most is None else -most
