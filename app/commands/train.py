@@ -39,6 +39,7 @@ from app.recipes.recipes import (
 )
 from app.recordings.flown_flights import RolloutSources, no_rollouts, recorded_files
 from app.telemetry.rollouts import read_dictionary, read_rollouts
+from app.telemetry.targets import beyond_plausible
 from core.bounds import Bounds, check_bounds
 from core.channels import LATERAL
 from core.counted import counted
@@ -153,7 +154,8 @@ def run_on_simulator(options: argparse.Namespace) -> int:
     with stage_bar("training") as show:
         choose = not plain.keys() & {"predictor", "score"}
         training = train_on_simulator(dataset, recipe, test, n_test, show, choose=choose)
-    return _finish(options, training, dataset, doubts_of(flights))
+    found = (*doubts_of(flights), *beyond_plausible(dataset.dictionary, flights.y))
+    return _finish(options, training, dataset, found)
 
 
 def recipe_of(options: argparse.Namespace) -> TrainingRecipe:

@@ -13,8 +13,10 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import PlainSerializer, TypeAdapter, ValidationError
 
 from app.recipes.input_errors import given, input_errors
+from app.telemetry.recording import TelemetryError
+from app.telemetry.targets import check_limits
 from core import recipe
-from core.channels import BEYOND_FLIGHT, CHANNELS
+from core.channels import BEYOND_FLIGHT, CHANNELS, Channel
 from core.limits.limits import Limits
 from core.monitor.group import Pooled
 from core.monitor.predictor import Ensemble, Scope
@@ -255,6 +257,7 @@ def _check_limits(limits: Limits, where: str) -> None:
     for channel in CHANNELS:
         limit = getattr(limits, channel.key)
         if limit is None or limit <= BEYOND_FLIGHT.get(channel.unit, inf):
+            _check_reached(channel, limit, where)
             continue
         meant = f"{limit:g}{channel.display_unit}"
         raise RecipeError(
@@ -263,6 +266,13 @@ def _check_limits(limits: Limits, where: str) -> None:
             f"{limit / channel.display_factor:.4g} {channel.unit}, or on the command line "
             f"--limit {channel.key}={meant}"
         )
+
+
+def _check_reached(channel: Channel, limit: float | None, where: str) -> None:
+    try:
+        check_limits(channel, limit)
+    except TelemetryError as error:
+        raise RecipeError(f"{where}: {error}") from None
 
 
 def _is_own_model(plain: dict[str, Any]) -> bool:

@@ -20,6 +20,7 @@ from app.telemetry.mapping.proposal import propose
 from app.telemetry.reading import columns_of
 from app.telemetry.recording import TelemetryError
 from app.telemetry.rollouts import MOST_BYTES, RolloutFile
+from app.telemetry.targets import beyond_plausible
 from app.telemetry.timing.repair import RepairedTraces
 from core.channels import LATERAL, Dictionary
 from core.computed import complete
@@ -107,7 +108,7 @@ def _added(base: Dataset, read: RolloutFile, found: Sequence[str]) -> tuple[Data
 def _checked(
     read: RolloutFile, dictionary: Dictionary, limits: Limits | IntervalLimits | None
 ) -> LabelledFlights:
-    return LabelledFlights.of(
+    flights = LabelledFlights.of(
         read.y,
         dt=read.dt,
         channels=dictionary,
@@ -117,6 +118,8 @@ def _checked(
         theta_names=read.theta_names,
         flown=read.flown,
     )
+    beyond = beyond_plausible(dictionary, flights.y)
+    return replace(flights, findings=(*flights.findings, *beyond))
 
 
 def _joined(

@@ -23,6 +23,8 @@ from app.routes.dependencies import (
 )
 from app.store.limit_sets import LimitSetInfo, StoredLimits
 from app.store.people import LOCAL
+from app.telemetry.targets import check_limits
+from core.channels import CHANNELS
 from core.conditions import ConditionKey, check_declared
 from core.flight_events import FlightLimits
 from core.limits.limit_sets import LimitSet, limit_set_from_plain
@@ -57,7 +59,11 @@ class LimitsText(BaseModel):
     def limits(self) -> LimitSet:
         """The limits; Problem 422 if they contradict each other."""
         with refused(422, "limit-set", ValueError):
-            return limit_set_from_plain([case.model_dump() for case in self.cases])
+            limits = limit_set_from_plain([case.model_dump() for case in self.cases])
+            for case in limits.cases:
+                for channel, limit in zip(CHANNELS, case.limits.magnitudes, strict=True):
+                    check_limits(channel, limit)
+            return limits
 
 
 class NewLimitSet(LimitsText):

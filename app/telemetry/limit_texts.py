@@ -11,6 +11,7 @@ import numpy as np
 
 from app.telemetry.recording import TelemetryError
 from app.telemetry.rollouts import RolloutFile
+from app.telemetry.targets import check_limits
 from app.telemetry.units import PLAIN, convert, si_unit
 from core.channels import KEYS, LATERAL, Channel, Dictionary, channel
 from core.computed import complete, lasting
@@ -63,6 +64,7 @@ def extended(
     ends: dict[str, Ends] = {}
     for text in limits:
         known, low, high, seconds = _limit(text, dictionary)
+        check_limits(known, low, high)
         if seconds is None:
             ends[known.key] = low, high
             continue

@@ -14,7 +14,8 @@ import numpy as np
 from app.telemetry.contents import release
 from app.telemetry.recording import TelemetryError, Trace
 from app.telemetry.units import PLAIN, factor, fits, si_unit
-from core.channels import CHANNELS, Channel, channel, known_channels
+from core.channels import CHANNELS, Channel, Dictionary, channel, known_channels
+from core.counted import counted
 from core.types import Array, Indices
 
 ATTITUDE_TARGETS = (
@@ -115,6 +116,40 @@ def largest_plausible(channel: Channel) -> float:
     if known is None or known.unit != channel.unit:
         return given
     return BOUNDS[channel.key] if channel == known else min(BOUNDS[channel.key], given)
+
+
+def check_limits(channel: Channel, *ends: float | None) -> None:
+    """TelemetryError for a limit that no plausible value of a measured channel can exceed."""
+    bound = np.inf if channel.formula else largest_plausible(channel)
+    for end in ends:
+        if end is None or not bound <= abs(end) < np.inf:
+            continue
+        remedy = "; only rollouts of a channel with a name of its own may reach more"
+        if bound == channel.largest:
+            remedy = ", or the channel a larger `largest` in the dictionary"
+        raise TelemetryError(
+            f"the limit {channel.key} {channel.read(end)} was given, and values beyond "
+            f"{channel.read(bound)} count as those of a failed sensor, so no value would exceed "
+            f"it: give a smaller limit{remedy}"
+        )
+
+
+def beyond_plausible(dictionary: Dictionary, y: Array) -> list[str]:
+    """Measured channels that leave their plausible values, in words.
+
+    y: (n, n_samples, n_channels).
+    """
+    texts = []
+    for c, known in enumerate(dictionary.channels):
+        bound = np.inf if known.formula else largest_plausible(known)
+        peaks = np.fmax.reduce(np.abs(y[..., c]), axis=1)
+        if n := int((peaks > bound).sum()):
+            texts.append(
+                f"{known.key} reaches {known.read(np.fmax.reduce(peaks))}, and exceeds "
+                f"{known.read(bound)} in {counted(n, 'flight')}: in flight such values count as "
+                "those of a failed sensor, so they are missing and exceed no limit"
+            )
+    return texts
 
 
 def implausible(key: str, values: Array, unit: str = "") -> Indices:

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 
 from app.cli import main
 from app.commands import train as train_command
+from app.recordings.flown_flights import RolloutSources
 from app.store.database import StoreError
 from app.store.monitors import MonitorRepository
 from app.store.store import open_store
@@ -36,7 +38,7 @@ from tests.support.rollout_files import (
     npz,
     table,
 )
-from tests.support.short_period import DICTIONARY, DT
+from tests.support.short_period import DICTIONARY, DT, LIMITS
 
 
 @pytest.mark.parametrize(
@@ -320,7 +322,10 @@ def test_a_method_that_is_asked_for_is_used(
         (["--limit", "Nz=..0.5"], "Nz: limits -inf to 0.5 were given"),
         (["--limit", "Nz=5..2"], "'Nz=5..2': low is not below high"),
         ([], "neither fail_index nor limits"),
-        (["--limit", "Nz=-9..90"], "0 of 1600 flights fail"),
+        (["--limit", "Nz=-9..20"], "0 of 1600 flights fail"),
+        (["--limit", "Nz=..38g"], "values beyond 30 g"),
+        (["--limit", "Nz=-30..2.9g"], "the limit Nz -30 g"),
+        (["--limit", "Nz=..38g for 0.2 s"], "the limit Nz 38 g"),
         (["--limit", "Nz=-1.1..2.9", "--epsilon", "0.001"], "no method can be trained"),
     ],
 )
@@ -331,6 +336,40 @@ def test_what_cannot_be_trained_is_one_clear_error(
     assert main(["train", "--rollouts", str(source), *rest, "--out", str(out)]) != 0
     assert words in capsys.readouterr().err
     assert not out.exists()
+
+
+def test_a_limit_beyond_the_largest_of_a_dictionary_is_refused(
+    source: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out = tmp_path / "mine.json", tmp_path / "none.fwm"
+    own = [replace(known, key=f"own_{known.key}") for known in DICTIONARY.channels]
+    own[2] = replace(own[2], largest=2.8)
+    file.write_text(json.dumps(Dictionary("own", tuple(own)).to_plain()))
+    y = flights(300)
+    np.savez(tmp_path / "own.npz", y=y, dt=DT, channels=[each.key for each in own])
+    words = ["train", "--rollouts", str(tmp_path / "own.npz"), "--dictionary", str(file)]
+    assert main([*words, "--limit", "own_Nz=..2.9g", "--out", str(out)]) != 0
+    assert "a larger `largest` in the dictionary" in capsys.readouterr().err
+    own[2] = replace(own[2], largest=3.0)
+    file.write_text(json.dumps(Dictionary("own", tuple(own)).to_plain()))
+    read = read_rollouts(tmp_path / "own.npz", read_dictionary(file))
+    RolloutSources(read, limits=["own_Nz=..2.9g"]).to_dataset()
+
+
+def test_rollouts_beyond_the_plausible_values_of_a_channel_are_a_finding(tmp_path: Path) -> None:
+    y, path = flights(300), tmp_path / "hard.npz"
+    n_failing = int(LIMITS.envelope.exceeds(y).any(axis=1).sum())
+    y[..., 2][y[..., 2] >= 2.9] += 46.0
+    hit = int((y[..., 2] > 30.0).any(axis=1).sum())
+    np.savez(path, **arrays(y))  # pyright: ignore[reportArgumentType]
+    made, found = RolloutSources(read_rollouts(path), limits=["Nz=-1.1..2.9g"]).to_dataset()
+    peak = np.nanmax(np.abs(made.unsafe[..., 2]))
+    assert len(made.unsafe) == n_failing
+    (text,) = found
+    assert text.startswith(f"Nz reaches {peak:.3g} g, and exceeds 30 g in ")
+    assert 0 < int(text.split(" g in ")[1].split()[0]) <= hit
+    np.savez(path, **arrays(flights(300)))  # pyright: ignore[reportArgumentType]
+    assert not RolloutSources(read_rollouts(path), limits=["Nz=-1.1..2.9g"]).to_dataset()[1]
 
 
 def test_a_dictionary_without_rollouts_is_refused(

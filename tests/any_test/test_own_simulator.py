@@ -193,6 +193,7 @@ def test_what_cannot_be_used_is_refused_in_one_sentence(
         (["--epsilon", "0.001"], "needs at least 999"),
         (["--predictor", "response_filter"], "knows no step responses"),
         (["--limit", "Ny=0.5"], "'Ny' is unknown"),
+        (["--limit", "Nz=..38g"], "values beyond 30 g"),
         (["--limit", "alpha=..12"], "12 rad is more than any aircraft reaches"),
     ],
 )

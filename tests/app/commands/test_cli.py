@@ -159,7 +159,7 @@ def test_train_score_report_and_study_print_json(tmp_path: Path, monkeypatch, ca
         ),
         (["train", "--amplitude", "80"], "lower the amplitude"),
         (["train", "--n-unsafe", "50", "--epsilon", "0.01"], "needs at least 299 unsafe rollouts"),
-        (["train", "--limit", "Ny=90", "--amplitude", "auto"], "exceed a limit even at 45 deg"),
+        (["train", "--limit", "Ny=29", "--amplitude", "auto"], "exceed a limit even at 45 deg"),
         (["train", "--limit", "Nz=1"], "unknown channel 'Nz'"),
         (["train", "--limit", "Ny"], "write it as CHANNEL=NUMBER"),
         (["train", "--limit", "Ny=5deg"], "lateral acceleration is in g: write Ny=5g if"),

@@ -59,7 +59,7 @@ def test_auto_uses_the_suggested_amplitude(client):
 @pytest.mark.parametrize(
     ("test", "words"),
     [
-        ({"limits": {"Ny": 90}}, "0 % of the rollouts exceed a limit even at 45 deg"),
+        ({"limits": {"Ny": 29}}, "0 % of the rollouts exceed a limit even at 45 deg"),
         ({"share": 2}, "between 0 and 1"),
         ({"share": "half"}, "share is 'half'"),
         ({"maneuver": {"kind": "loop"}}, "'loop' is unknown"),
@@ -111,6 +111,7 @@ def test_limits_are_read_by_both_names_and_sent_as_limits(client, name):
         ({"specification": {"Nz": 1}}, "dataset.limits has no 'Nz'"),
         ({"limits": {"Ny": 0.4}, "specification": {"Ny": 0.4}}, "two names of one parameter"),
         ({"limits": {"beta": 7}}, "beta is 7 rad, which is 401 deg"),
+        ({"limits": {"Ny": 38}}, "values beyond 30 g"),
     ],
 )
 def test_an_invalid_recipe_is_refused_with_the_valid_values(client, recipe, words):

@@ -46,6 +46,8 @@ def test_invalid_sets_are_refused_with_the_reason(client: TestClient) -> None:
     assert "overlap" in problem(add(client, name="envelope", cases=overlapping), 422)
     nothing = [{**SLOW, "limits": {}}]
     assert "no limit was given" in problem(add(client, name="envelope", cases=nothing), 422)
+    never = [{**SLOW, "limits": {"Ny": 30.0}}]
+    assert "the limit Ny 30 g" in problem(add(client, name="envelope", cases=never), 422)
     assert client.get(URL).json() == []
 
 
