@@ -66,7 +66,9 @@ class ChannelLimit(Message):
 class Verdict(Message):
     """How a flight was warned of the limit that it exceeded; of a replay, as its recording."""
 
-    exceeded_t: float = Field(description="[s] of the exceedance")
+    exceeded_t: float | None = Field(
+        description="[s] of the exceedance; null where only data missing leave it unknown"
+    )
     lead: float | None = Field(description="[s] from the first risk alarm to it; null without one")
     text: str = Field(description="for people")
     warning: str = Field(
@@ -315,9 +317,9 @@ class Decided(Message):
 
     status: Status = Field(
         description="headline, the worst of: exceeding now, alarm unacknowledged, "
-        "risk above the alert level, stale, invalid, caution unacknowledged, warming up, ended "
-        "without an assessed sample, validity not calibrated, limit exceeded earlier, exceedance "
-        "predicted for the rest of the test card (`no_alert`), ok"
+        "risk above the alert level, stale, invalid, caution unacknowledged or data missing, "
+        "warming up, ended without an assessed sample, validity not calibrated, "
+        "limit exceeded earlier, exceedance predicted for the rest of the card (`no_alert`), ok"
     )
     level: Level = Field(description="level of the headline as in 14 CFR 25.1322")
     beside: list[Status] = Field(description="`stale` and `invalid` if true and not the headline")
@@ -327,7 +329,8 @@ class Decided(Message):
     )
     verdict: Verdict | None = Field(
         default=None,
-        description="verdict on the warning of the exceedance; null if no limit was exceeded",
+        description="verdict on the warning of the exceedance, or that data were missing in an "
+        "ended flight; else null",
     )
 
 

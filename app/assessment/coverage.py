@@ -4,12 +4,13 @@ An exceedance or an alert may hide in a gap. So a gap of more than a few samples
 ones, leave the outcome unknown; a single lost sample does not.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from app.assessment.grid import missing_after
-from app.assessment.outcome import Alerts, Hole, Limited, RecordedExceedance, runs
+from app.assessment.outcome import Alerts, Hole, Limited, RecordedExceedance, lost_in, runs
 from core.limits.exceedance import SAME_TIME
 from core.monitor import Assessments
 from core.monitor.assessment import STATES, State
@@ -48,6 +49,21 @@ def lost_samples(assessments: Assessments, dt: float) -> Lost:
     )
 
 
+def why_exceedance_unknown(holes: Sequence[Hole], length: float, dt: float) -> str:
+    """Why "no exceedance" is uncertain, because data are missing; "" if certain.
+
+    holes: of the limited channels.   length: of the manoeuvre or flight [s].   dt: of the monitor
+    [s].
+    """
+    longest, lost = max(holes, key=lambda hole: hole.lost, default=None), lost_in(holes)
+    if longest is None or not (_is_wide(longest, dt) or lost > MOST_SHARE * length):
+        return ""
+    return (
+        f"no sample of {longest.channel} from {longest.start:.2f} to {longest.end:.2f} s, "
+        f"{lost:.2f} s missing in total; a limit may have been exceeded there"
+    )
+
+
 def why_outcome_unknown(
     limited: Limited, assessments: Assessments, alerts: Alerts, dt: float
 ) -> str:
@@ -56,13 +72,8 @@ def why_outcome_unknown(
     limited: of a manoeuvre without a recorded exceedance.   dt: of the monitor [s].
     """
     length = float(assessments.t[-1] - assessments.t[0])
-    longest = max(limited.holes, key=lambda hole: hole.lost, default=None)
-    if longest and (_is_wide(longest, dt) or limited.lost > MOST_SHARE * length):
-        return (
-            f"data missing: no sample of {longest.channel} from {longest.start:.2f} to "
-            f"{longest.end:.2f} s, {limited.lost:.2f} s missing in total; a limit may have been "
-            "exceeded there"
-        )
+    if why := why_exceedance_unknown(limited.holes, length, dt):
+        return f"data missing: {why}"
     t, lost, absent = lost_samples(assessments, dt)
     missing = _longest_run(absent)
     is_much = missing[1] - missing[0] > MOST_LOST or lost.sum() > MOST_SHARE * len(lost)

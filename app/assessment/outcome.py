@@ -154,13 +154,12 @@ def against_limits(
             as_recorded = _furthest(recorded[here], *each, rest)
             as_recorded = rest if as_recorded is None else as_recorded
             peaks.append(Peak(key, largest, *each, as_recorded, trace.bias))
-        holes += _holes(key, t, start, end)
+        holes += holes_in(key, t, start, end)
     first, first_raw = (
         min(results, key=lambda exceedance: exceedance.t, default=None)
         for results in (exceedances, raw)
     )
-    each = [sum(hole.lost for hole in holes if hole.channel == key) for key, *_ in peaks]
-    return Limited(first, tuple(peaks), max(each, default=0.0), tuple(holes), first_raw)
+    return Limited(first, tuple(peaks), lost_in(holes), tuple(holes), first_raw)
 
 
 def _ends_at(
@@ -196,7 +195,15 @@ def _furthest(values: Array, low: float, high: float, rest: float) -> float | No
     return float(values[share.argmax()])
 
 
-def _holes(key: str, t: Array, start: float, end: float) -> list[Hole]:
+def lost_in(holes: Sequence[Hole]) -> float:
+    """Time without samples, in the worst channel [s]."""
+    lost = dict.fromkeys([hole.channel for hole in holes], 0.0)
+    for hole in holes:
+        lost[hole.channel] += hole.lost
+    return max(lost.values(), default=0.0)
+
+
+def holes_in(key: str, t: Array, start: float, end: float) -> list[Hole]:
     """Holes of a channel between start and end. t: (n,) times of its samples."""
     if len(t) < 2:
         return [Hole(key, start, end, end - start)]

@@ -7,10 +7,13 @@ from typing import Any, NamedTuple
 
 from pydantic import BaseModel
 
+from app.assessment.coverage import why_exceedance_unknown
+from app.assessment.outcome import holes_in
 from app.flights.display_monitors import stated_delay
 from app.flights.verdict import (
     BEFORE,
     Circumstances,
+    data_missing,
     first_exceedance,
     is_jump,
     is_withdrawn,
@@ -25,6 +28,7 @@ from app.messages import Verdict
 from app.store.flights import FlightInfo
 from app.store.monitors import MonitorInfo
 from app.store.store import NotFound, Store
+from core.channels import Dictionary
 from core.flight_events import Alarm
 from core.limits.exceedance import ChannelExceedances, of_alarms
 from core.monitor import State
@@ -40,8 +44,8 @@ class Summary(BaseModel):
     """What a list shows of an ended flight; stored when it ends.
 
     exceeded_t: first exceedance [s].   state, reason: code of its newest sample's state, and why
-    it was not assessed.   verdict: none if it exceeded no limit.   is_assessed: whether a sample
-    was; None in summaries of earlier versions.
+    it was not assessed.   verdict: none if it surely exceeded none.   is_assessed: whether a
+    sample was; None in summaries of earlier versions.
     """
 
     exceeded_t: float | None
@@ -54,7 +58,7 @@ class Summary(BaseModel):
 
 
 class Record(NamedTuple):
-    """What the record of an ended flight shows; no verdict if it exceeded no limit.
+    """What the record of an ended flight shows; no verdict if it surely exceeded no limit.
 
     reason, cause: why its newest sample was not assessed.   open_alarms, open_cautions:
     unacknowledged warnings and cautions.
@@ -116,7 +120,7 @@ def summary_of(store: Store, info: FlightInfo) -> Summary:
         state=state,
         reason=reason,
         is_calibrated=all(each.support is not None for each in used),
-        verdict=_verdict(store, info, monitor, alarms) if exceeded else None,
+        verdict=_verdict(store, info, monitor, alarms) if exceeded else _doubt(store, info, used),
         exceedances=_exceedances(info, alarms),
         is_assessed=STATES[state] is State.OK or store.flights.is_assessed(info.id),
     )
@@ -126,7 +130,8 @@ def _record(summary: Summary, n_open: Counter[Level]) -> Record:
     state = STATES[summary.state]
     facts = Facts(
         alarm=n_open[Level.WARNING] > 0,
-        caution=n_open[Level.CAUTION] > 0,
+        caution=n_open[Level.CAUTION] > 0
+        or (summary.verdict is not None and summary.verdict.exceeded_t is None),
         invalid=state is State.INVALID,
         unassessed=summary.is_assessed is False,
         calibrated=summary.is_calibrated,
@@ -170,6 +175,38 @@ def _verdict(
     if info.exceeded_t is not None and not any(alarm.kind == "limit" for alarm in alarms):
         return not_flown(info.exceeded_t)
     return verdict(alarms)
+
+
+def _doubt(store: Store, info: FlightInfo, used: Sequence[MonitorInfo]) -> Verdict | None:
+    """The verdict on a flight without a measured exceedance; None if it surely had none."""
+    kind, dt = info.source.get("kind"), used[0].dt
+    if kind not in ("live", "journal"):
+        return None
+    t, known = store.flights.known(info.id)
+    if not len(t) or (kind == "journal" and is_jump(t, dt)):
+        return None
+    limited, keys = _limited(info, used), Dictionary.from_stored(used[0].dictionary).keys
+    holes = [
+        hole
+        for key, is_known in zip(keys, known.T, strict=True)
+        if key in limited
+        for hole in holes_in(key, t[is_known], t[0], t[-1])
+    ]
+    why = why_exceedance_unknown(holes, t[-1] - t[0], dt)
+    return data_missing(why) if why else None
+
+
+def _limited(info: FlightInfo, used: Sequence[MonitorInfo]) -> set[str]:
+    """Channels with a limit of a monitor or one put in force."""
+    limits = [monitor.specification for monitor in used]
+    limits += [held["limits"] for held in info.limits_held or ()]
+    return {
+        key
+        for each in limits
+        if isinstance(each, dict)
+        for key, limit in each.items()
+        if limit is not None
+    }
 
 
 def _scored(store: Store, info: FlightInfo) -> list[dict[str, Any]] | None:

@@ -10,6 +10,7 @@ import numpy as np
 from app.assessment.outcome import (
     AS_RECORDED,
     EXCEEDED,
+    OUTCOMES,
     Outcome,
     RecordedExceedance,
     exceedance_verdict,
@@ -129,6 +130,11 @@ def verdict_of_recording(
 
 def not_flown(t: float) -> Verdict:
     return Verdict(exceeded_t=t, lead=None, text=NOT_FLOWN)
+
+
+def data_missing(why: str) -> Verdict:
+    """Of a flight without a measured exceedance. why: see why_exceedance_unknown."""
+    return Verdict(exceeded_t=None, lead=None, text=f"{OUTCOMES['unseen'].word}: {why}")
 
 
 def first_exceedance(alarms: Iterable[Alarm]) -> Alarm | None:

@@ -58,6 +58,7 @@ from app.store.tables import (
 from core.channels import LATERAL
 from core.conditions import ConditionKey
 from core.monitor.assessment import STATES, State, code_of
+from core.types import Array, Flags
 
 INTERRUPTED = "interrupted"
 Progress = Literal["running", "ended", "failed", "interrupted"]
@@ -369,6 +370,21 @@ class FlightRepository(Entries[FlightInfo]):
                     if (chunk_of(row).samples["state"] == code_of(State.OK)).any():
                         return True
         return False
+
+    def known(self, flight_id: str) -> tuple[Array, Flags]:
+        """Times (n,) [s] and known values (n, n_channels) of its samples, without damaged ones."""
+        chunk = assessment_chunks.c
+        query = select(assessment_chunks).where(chunk.flight_id == flight_id)
+        t, known = [], []
+        with self._reading() as connection:
+            for row in connection.execute(query.order_by(chunk.first_seq)):
+                with suppress(Damaged):
+                    samples = chunk_of(row).samples
+                    t.append(samples["t"].copy())
+                    known.append(np.isfinite(samples["y"]))
+        if not t:
+            return np.empty(0), np.empty((0, len(LATERAL)), bool)
+        return np.concatenate(t), np.concatenate(known)
 
     def recover(self) -> None:
         """Mark running flights as interrupted: the process that flew them died."""

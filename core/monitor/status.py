@@ -42,8 +42,9 @@ class Facts(NamedTuple):
     exceeds: the newest sample exceeds a limit.   alarm: a warning is unacknowledged.
     alert: the newest risk is above the alert threshold.   stale: no new samples arrive.
     invalid: the monitor is not applicable.   warming_up: its history is not full yet.
-    calibrated: whether validity is calibrated.   caution: one is unacknowledged, or samples are in
-    doubt.   unassessed: it has ended without one assessed sample.
+    calibrated: whether validity is calibrated.   caution: one is unacknowledged, samples are in
+    doubt, or data were missing in an ended flight.   unassessed: it has ended without one assessed
+    sample.
     exceeded_t: first exceedance so far [s], even if the replay was moved back; None for none.
     predicted: the newest forecast of the rest of the test card exceeds a limit.
     """

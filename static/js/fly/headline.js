@@ -63,6 +63,7 @@ export function resultOf({ verdict, progress, cause, mode, head, ...headline }) 
   if (progress === "running" && mode === "live" && head < 0 && CALM.includes(level)) return result([WORDS.no_data], "advisory");
   if (!verdict && level === "none" && progress !== "running") return result([progress.toUpperCase()], "off");
   if (!verdict || progress === "running") return result(partsOf({ ...headline, verdict }, cause), LEVEL_OF[level]);
+  if (verdict.exceeded_t === null) return result([...partsOf(headline, cause).slice(0, 1), verdict.text], LEVEL_OF[level]); // data missing
   const shown = level === "warning" ? level : "caution";
   return { words: MARKS[shown] + verdict.text, parts: [MARKS[shown] + WORDS.exceeded, verdict.text], level: LEVEL_OF[shown] };
 }

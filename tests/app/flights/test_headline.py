@@ -12,7 +12,7 @@ import pytest
 from app.assessment.outcome import lead_words
 from app.assessment.trim import RESTING
 from app.flights.alarms import Alarms
-from app.flights.ended import records
+from app.flights.ended import Record, records
 from app.flights.sources.recorded_playback import RecordedScript
 from app.flights.verdict import (
     OUTSIDE,
@@ -38,6 +38,7 @@ from tests.support.flying import (
     Flown,
     ScriptedClock,
     Seen,
+    T,
     exact_monitor,
     failing_flight,
     store_with,
@@ -344,6 +345,51 @@ def test_a_flight_that_ended_at_rest_after_its_manoeuvre_was_assessed(tmp_path: 
     about = np.array([0.01, np.nan]), np.zeros(2, bool), [0, WARMING_UP], None, ["", "rests"]
     store.flights.append(flight, 0, np.arange(2.0), np.zeros((2, 6)), *about)
     assert records(store, [info])[flight].headline.status == "not_calibrated"
+
+
+def ended_live(directory: Path, y: Array, t: Array, kind: str = "live") -> Record:
+    """The record of an ended flight whose alert was acknowledged."""
+    store, monitor = store_with(exact_monitor(), directory)
+    flight = store.flights.add({"kind": kind}, monitor, EPSILON)
+    store.alarms.add(flight, alarm(1, 10, 10 * DT))
+    store.alarms.acknowledge(flight, 1, "FTE")
+    is_known = np.isfinite(y).all(axis=1)
+    state = np.where(is_known, 0, INVALID)
+    about = np.where(is_known, 0.1, np.nan), np.zeros(len(y), bool), state
+    store.flights.append(flight, 0, t, y, *about)
+    return records(store, [store.flights.end(flight)])[flight]
+
+
+@pytest.mark.parametrize("kind", ["live", "journal"])
+def test_a_record_says_that_a_limited_channel_was_missing(tmp_path: Path, kind: str) -> None:
+    y = np.zeros((N_SAMPLES, 6))
+    y[20:24, NY] = np.nan
+    record = ended_live(tmp_path, y, T, kind)
+    assert (record.headline.status, record.headline.level) == ("caution", "caution")
+    assert (record.headline.exceeded_t, record.open_cautions) == (None, 0)
+    assert record.verdict is not None
+    assert (record.verdict.exceeded_t, record.verdict.warning) == (None, "")
+    assert record.verdict.text == (
+        "DATA MISSING: no sample of Ny from 0.95 to 1.20 s, 0.20 s missing in total; a limit may "
+        "have been exceeded there"
+    )
+
+
+def test_a_record_says_that_no_sample_came_for_a_while(tmp_path: Path) -> None:
+    t = np.where(np.arange(N_SAMPLES) < 20, T, T + 1.0)
+    record = ended_live(tmp_path, np.zeros((N_SAMPLES, 6)), t)
+    assert record.verdict is not None
+    assert "no sample of Ny from 0.95 to 2.00 s" in record.verdict.text
+
+
+@pytest.mark.parametrize(("channel", "n"), [(NY, 0), (NY, 1), (NY, 2), (0, 20)])
+def test_a_sample_lost_or_a_channel_without_a_limit_leaves_no_doubt(
+    tmp_path: Path, channel: int, n: int
+) -> None:
+    y = np.zeros((N_SAMPLES, 6))
+    y[20 : 20 + n, channel] = np.nan
+    record = ended_live(tmp_path, y, T)
+    assert (record.headline.status, record.verdict) == ("not_calibrated", None)
 
 
 OVER = MeasuredExceedance("Ny", 0.529, 0.5, "both")

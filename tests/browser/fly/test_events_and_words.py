@@ -87,16 +87,24 @@ def plain(said: Headline) -> dict[str, Any]:
     return said._asdict() | {"beside": list(said.beside)}
 
 
+RESULT = """async (flight) => {
+  const { resultOf } = await import("/static/js/fly/headline.js");
+  return resultOf(flight);
+}"""
+
+
+def test_a_list_names_the_data_that_were_missing_and_no_exceedance(strips: Open) -> None:
+    verdict = {"exceeded_t": None, "lead": None, "text": "DATA MISSING: no sample", "warning": ""}
+    flight = {"progress": "ended", "verdict": verdict, "cause": None}
+    told = strips().evaluate(RESULT, plain(headline(Facts(caution=True))) | flight)
+    parts = ["◆ CAUTION", "DATA MISSING: no sample"]
+    assert told == {"words": " · ".join(parts), "parts": parts, "level": "caution"}
+
+
 def test_a_list_calls_a_flight_between_manoeuvres_as_its_page_does(strips: Open) -> None:
     invalid = plain(headline(Facts(invalid=True)))
     flight = invalid | {"progress": "ended", "verdict": None, "cause": Cause.BETWEEN}
-    told = strips().evaluate(
-        """async (flight) => {
-          const { resultOf } = await import("/static/js/fly/headline.js");
-          return resultOf(flight);
-        }""",
-        flight,
-    )
+    told = strips().evaluate(RESULT, flight)
     word = "◆ NOT ASSESSED"
     assert told == {"words": word, "parts": [word], "level": "caution"}
 
