@@ -394,8 +394,15 @@ def train_on_flights(
     """Train a monitor on flights that cannot be simulated here, split by flight into SHARES.
 
     choose: choose the method by the second part; else that of the recipe is used.
+    ValueError also for a lead shorter than half a sample interval.
     """
     recipe = recipe.as_planned()
+    if recipe.t_early < 0.5 * whole.dt:
+        raise ValueError(
+            f"t_early={recipe.t_early:g} s was given: the flights have one sample every "
+            f"{whole.dt:g} s: give their times or dt in seconds, or a warning lead time of at "
+            f"least {0.5 * whole.dt:g} s"
+        )
     flights = whole.flights()
     learning, choosing, checking, testing = flights.split(SHARES, seed)
     dataset = Dataset.from_flights(learning, seed=seed)

@@ -372,6 +372,16 @@ def test_rollouts_beyond_the_plausible_values_of_a_channel_are_a_finding(tmp_pat
     assert not RolloutSources(read_rollouts(path), limits=["Nz=-1.1..2.9g"]).to_dataset()[1]
 
 
+def test_a_lead_far_shorter_than_a_sample_interval_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, out = tmp_path / "ms.npz", tmp_path / "none.fwm"
+    np.savez(path, **arrays(flights(100)) | {"dt": 50.0})  # pyright: ignore[reportArgumentType]
+    assert main(["train", "--rollouts", str(path), *LINEAR, "--out", str(out)]) != 0
+    assert "0.25 s was given: the flights have one sample every 50 s" in capsys.readouterr().err
+    assert not out.exists()
+
+
 def test_a_dictionary_without_rollouts_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
