@@ -83,12 +83,11 @@ export function createStripChart(host, options) {
     if (!measured) measure();
     if (!measured) return 0;
     source.begin(wall);
-    const view = time.view(wall);
-    const step = (view.end - view.start) / plot;
-    const first = Math.round(view.end / step) - plot; // whole columns: the trace does not shimmer
+    const columns = columnsNow();
+    const { view, first } = columns;
     const picture = `${source.stamp()} ${time.revision} ${look}`;
     const isRoomy = strips.some(({ axis }, k) => axis.roomy && drawn[k].width > 0);
-    if (picture !== last.picture || first !== last.first || isRoomy) draw(view, step, first);
+    if (picture !== last.picture || first !== last.first || isRoomy) draw(columns);
     const news = `${source.news()} ${time.revision} ${look}`;
     if (news !== last.news || (source.follows && wall - last.read >= READ_EVERY)) {
       Object.assign(last, { news, read: wall });
@@ -102,12 +101,12 @@ export function createStripChart(host, options) {
     return performance.now() - begin;
   }
 
-  function draw(view, step, first) {
-    const frame = frameOf(view, step, first);
+  function draw(columns) {
+    const frame = frameOf(columns);
     for (const part of parts) if (part.width !== 0) part.draw(frame);
   }
 
-  function frameOf(view, step, first) {
+  function frameOf({ view, step, first }) {
     const start = first * step;
     const x = (t) => (t - start) / step;
     const window = { view, start, step, first, width: plot, x, wall };
@@ -126,7 +125,7 @@ export function createStripChart(host, options) {
 
   /** What is in view, drawn anew with other pens. */
   function picture() {
-    const [frame, palette] = [frameNow(), readPalette(host)];
+    const [frame, palette] = [frameOf(columnsNow()), readPalette(host)];
     const title = document.querySelector("h1")?.textContent ?? "";
     const shown = [...strips.keys()].filter((k) => drawn[k].width > 0);
     const rows = shown.map((k) => ({ sheet: drawn[k], name: nameOf(strips[k]), make: (canvas) => createStrip(canvas, strips[k]) }));
@@ -141,14 +140,14 @@ export function createStripChart(host, options) {
     return pictureOf({ title, words: [intervalOf(frame.view), `saved ${moment(new Date().toISOString())}`, location.host + location.hash.split("?")[0]].join(" · "), palette, sheets });
   }
 
-  function frameNow() {
+  function columnsNow() {
     const view = time.view(wall);
     const step = (view.end - view.start) / plot;
-    return frameOf(view, step, Math.round(view.end / step) - plot);
+    return { view, step, first: Math.round(view.end / step) - plot }; // whole columns: the trace does not shimmer
   }
 
   function values() {
-    const { parts: [first], view } = frameNow();
+    const { parts: [first], view } = frameOf(columnsNow());
     return valuesOf(strips, { cells: first.cells, from: view.start, to: view.end });
   }
 
