@@ -4,7 +4,6 @@ A source may freeze, two sources may contradict each other, and a surface channe
 sample is checked when it arrives, so a flight and the replay of its journal find the same.
 """
 
-from collections import deque
 from collections.abc import Sequence
 from math import isnan
 from typing import Literal, NamedTuple, get_args
@@ -16,7 +15,18 @@ from app.assessment.trim import BEGINNING, OTHER, RESTS, SHARE, SMALLEST
 from core.channels import Channel
 from core.kernels import input_motion as kernel
 from core.kernels.compiled import entry
-from core.kernels.input_motion import KEPT, REACTS_S, SurfaceRule, SurfaceState
+from core.kernels.input_motion import (
+    FIRST_LOOK,
+    GOES_ON,
+    KEPT,
+    LOOKS,
+    REACTS_S,
+    REMEMBERED,
+    SAME,
+    Received,
+    SurfaceRule,
+    SurfaceState,
+)
 from core.limits.limits import Envelope
 from core.monitor.status import Level
 from core.types import Array
@@ -24,13 +34,10 @@ from core.types import Array
 DoubtKind = Literal["surfaces", "frozen", "contradiction"]
 DOUBT_KINDS: tuple[DoubtKind, ...] = get_args(DoubtKind)
 
-LOOK_S, MEASURE_S = 0.1, 0.5
-"""Time between two looks at the recent samples, and between two measurements of noise [s]."""
-APART_S = 0.019
-"""Least time between two samples that are looked at [s]; a faster source has more."""
-FIRST_LOOK, FEW = 8, 4.0
-"""Samples: the least that show the noise, and the share by which few of them may underestimate it,
-times their number."""
+MEASURE_S = 0.5
+"""Time between two measurements of noise [s]."""
+FEW = 4.0
+"""Few samples may underestimate the noise by this share, times their number."""
 MOVES = 0.15
 """Share of the largest response in training that is a motion of the aircraft."""
 NOISES, RESOLUTIONS = 8.0, 2.0
@@ -42,14 +49,15 @@ VARIES, REVERSES = 0.5, 1.0 / 3.0
 """Noise changes this share of the samples and turns around in this share of its changes. A smooth
 motion seldom turns, and a coarse channel at rest seldom changes."""
 
-REMEMBERED = 1024
-"""Newest samples that a later one may contradict."""
 AGREES = 0.05
 """Share of a limit, or of the largest value in training, by which two samples may differ."""
 CONTRADICTS_S = 1.0
 """A contradiction lasts until this time passes without another one [s]."""
 
 UNMOVED = "aircraft moves, surfaces do not: {}check the channel"
+
+
+NONE = None, None, None
 
 
 class Doubt(NamedTuple):
@@ -80,65 +88,77 @@ class InputChecks:
         channels = planned.dictionary.channels
         self._contradictions = _Contradictions(self._recent, AGREES * scales, channels)
         self._surfaces = _Surfaces(self._recent, planned, usual, by_hand)
+        self._sources: dict[str, int] = {}
         self.doubts: tuple[Doubt, ...] = ()
         """those of the newest sample"""
 
     def push(self, arrived: float, t: float, y: Array, source: str, in_manoeuvre: bool) -> None:
         """Add a received sample. t: flight time [s].   source: its name for people."""
-        looks = self._recent.push(t, y)
+        number = self._sources.setdefault(source, len(self._sources))
+        flags, repeated = self._recent.push(t, y, number)
+        if repeated >= 0:
+            self._contradictions.compare(arrived, t, y, repeated, number, [*self._sources])
         found = (
-            self._frozen.push(t, y),
-            self._contradictions.push(arrived, t, y, source),
-            self._surfaces.push(t, looks, in_manoeuvre),
+            self._frozen.push(t, y, is_same=bool(flags & SAME)),
+            self._contradictions.push(arrived, goes_on=bool(flags & GOES_ON)),
+            self._surfaces.push(t, bool(flags & LOOKS), in_manoeuvre),
         )
-        if any(found) or self.doubts:
+        if found != NONE or self.doubts:
             self.doubts = tuple(filter(None, found))
 
     def restart(self) -> None:
         """The source's clock stepped: its times are no longer those of earlier samples."""
+        self._recent.forget_times()
         self._contradictions.restart()
 
 
 class _Recent:
-    """The newest samples in order of time, and what noise and resolution make of a channel.
-
-    t: (2 KEPT,) [s].   y: (2 KEPT, n_channels).   n: samples in them.
-    """
+    """The newest samples, and what noise and resolution make of a channel."""
 
     def __init__(self, n_channels: int) -> None:
-        self.t, self.y = np.empty(2 * KEPT), np.empty((2 * KEPT, n_channels))
-        self.n = 0
-        self._newest = self._looked = self._measured = -np.inf
+        self.state = Received(
+            np.empty(2 * KEPT),
+            np.empty((2 * KEPT, n_channels)),
+            np.full(4, -np.inf),
+            np.zeros(3, np.int64),
+            np.zeros(n_channels, np.int64),
+            np.empty(REMEMBERED),
+            np.empty(REMEMBERED, np.int64),
+            np.empty((REMEMBERED, n_channels)),
+        )
+        self._measured = -np.inf
         self.uncertainty = np.zeros(n_channels)
         """(n_channels,) extent of a channel that is noise and resolution alone"""
         self.is_measured = False
         self._roughness = np.empty(n_channels), np.empty(n_channels)
-        self._fill_roughness = entry(kernel.roughness, self.t, self.y, 0, *self._roughness)
+        self._arrive = entry(kernel.arrive, self.state, 0.0, np.empty(n_channels), 0)
+        about = self.state.t, self.state.y, self.n
+        self._fill_roughness = entry(kernel.roughness, *about, *self._roughness)
 
-    def push(self, t: float, y: Array) -> bool:
-        """Add a sample. Returns whether it is time to look."""
-        if t - self._newest < APART_S:
-            return False
-        if self.n == len(self.t):
-            self.n = KEPT
-            self.t[:KEPT], self.y[:KEPT] = self.t[KEPT:], self.y[KEPT:]
-        self.t[self.n], self.y[self.n] = t, y
-        self.n, self._newest = self.n + 1, t
-        if self.n < FIRST_LOOK or t - self._looked < LOOK_S:
-            return False
-        self._looked = t
-        if t - self._measured >= MEASURE_S:
+    @property
+    def n(self) -> int:
+        """Samples that are looked at."""
+        return self.state.counts.item(kernel.N_RECENT)
+
+    def push(self, t: float, y: Array, source: int) -> tuple[int, int]:
+        """Add a sample. Returns its flags, and the slot of the sample of the same time, or -1."""
+        flags, repeated = self._arrive(self.state, t, y, source)
+        if flags & LOOKS and t - self._measured >= MEASURE_S:
             self._measured = t
             self._measure()
-        return True
+        return flags, repeated
+
+    def forget_times(self) -> None:
+        self.state.counts[kernel.N_KNOWN], self.state.times[kernel.LATEST] = 0, -np.inf
 
     def window(self, seconds: float) -> Array:
         """(n, n_channels) samples of the last seconds."""
-        first = int(self.t[: self.n].searchsorted(self._newest - seconds - 1e-9))
-        return self.y[max(first, self.n - KEPT) : self.n]
+        t, newest = self.state.t[: self.n], self.state.times.item(kernel.NEWEST)
+        first = int(t.searchsorted(newest - seconds - 1e-9))
+        return self.state.y[max(first, self.n - KEPT) : self.n]
 
     def _measure(self) -> None:
-        n = self._fill_roughness(self.t, self.y, self.n, *self._roughness)
+        n = self._fill_roughness(self.state.t, self.state.y, self.n, *self._roughness)
         if n < FIRST_LOOK:
             return
         bends, steps = self._roughness
@@ -152,24 +172,22 @@ class _Frozen:
 
     def __init__(self, recent: _Recent) -> None:
         self._recent = recent
-        self._last, self._since, self._n = b"", -np.inf, 0
         self._measured = -np.inf
         self._n_measured = self._n_turning = 0
         self._varies = True
 
-    def push(self, t: float, y: Array) -> Doubt | None:
-        content = y.tobytes()
-        if content != self._last:
-            self._last, self._since, self._n = content, t, 1
+    def push(self, t: float, y: Array, *, is_same: bool) -> Doubt | None:
+        """is_same: whether a sample is identical to the last one."""
+        if not is_same:
             if t - self._measured >= REACTS_S:
                 self._measure(t)
             return None
-        self._n += 1
-        if t - self._since <= FROZEN_S or self._n <= FEWEST or np.isnan(y).all():
+        state = self._recent.state
+        since, n = state.times.item(kernel.SINCE), state.counts.item(kernel.N_SAME)
+        if t - since <= FROZEN_S or n <= FEWEST or np.isnan(y).all():
             return None
         level = Level.CAUTION if self._has_noise else Level.ADVISORY
-        reason = f"all channels frozen since {self._since:.2f} s"
-        return Doubt("frozen", level, self._since, reason)
+        return Doubt("frozen", level, since, f"all channels frozen since {since:.2f} s")
 
     @property
     def _has_noise(self) -> bool:
@@ -196,40 +214,26 @@ class _Contradictions:
 
     def __init__(self, recent: _Recent, agrees: Array, channels: Sequence[Channel]) -> None:
         self._recent, self._agrees, self._channels = recent, agrees, channels
-        self._known: dict[float, tuple[Array, str]] = {}
-        self._times: deque[float] = deque()
-        self._newest = self._seen = -np.inf
+        self._seen = -np.inf
         self._waiting: Doubt | None = None
         self._doubt: Doubt | None = None
 
     def restart(self) -> None:
-        self._known.clear()
-        self._times.clear()
-        self._newest, self._waiting = -np.inf, None
+        self._waiting = None
 
-    def push(self, arrived: float, t: float, y: Array, source: str) -> Doubt | None:
-        at, sample = round(t, 6), (y, source)
-        known = self._known.setdefault(at, sample)
-        if known is sample:
-            self._times.append(at)
-            if len(self._times) > REMEMBERED:
-                del self._known[self._times.popleft()]
-            if t > self._newest:
-                self._go_on(t)
-        else:
-            self._compare(arrived, t, y, source, *known)
+    def push(self, arrived: float, *, goes_on: bool) -> Doubt | None:
+        """goes_on: whether a sample is the latest one."""
+        if goes_on and self._waiting is not None:
+            self._doubt, self._waiting = self._doubt or self._waiting, None
         if self._doubt is not None and arrived - self._seen > CONTRADICTS_S:
             self._doubt = None
         return self._doubt
 
-    def _go_on(self, t: float) -> None:
-        self._newest = t
-        if self._waiting is not None:
-            self._doubt, self._waiting = self._doubt or self._waiting, None
-
-    def _compare(
-        self, arrived: float, t: float, y: Array, source: str, first: Array, first_source: str
+    def compare(
+        self, arrived: float, t: float, y: Array, slot: int, source: int, sources: Sequence[str]
     ) -> None:
+        """Compare a sample with the known one of its time, in a slot of `Received`."""
+        first = self._recent.state.known[slot]
         excess = np.abs(y - first) - np.fmax(self._agrees, self._recent.uncertainty)
         if not self._recent.is_measured or not (excess > 0.0).any():
             return
@@ -238,10 +242,11 @@ class _Contradictions:
             channel = self._channels[c]
             values = f"{channel.symbol} {channel.read(first[c])}", channel.read(y[c])
             reason = f"samples of {t:.2f} s contradict: {values[0]} and {values[1]}"
+            first_source = self._recent.state.sources.item(slot)
             if source != first_source:
                 reason = (
-                    f"two sources contradict at {t:.2f} s: {values[0]} from {first_source}, "
-                    f"{values[1]} from {source}: end one of them"
+                    f"two sources contradict at {t:.2f} s: {values[0]} from "
+                    f"{sources[first_source]}, {values[1]} from {sources[source]}: end one of them"
                 )
             self._waiting = Doubt("contradiction", Level.CAUTION, t, reason)
 
@@ -277,7 +282,7 @@ class _Surfaces:
     @property
     def _arguments(self) -> tuple[object, ...]:
         recent = self._recent
-        about = self._rule, self._state, recent.t, recent.y, recent.n
+        about = self._rule, self._state, recent.state.t, recent.state.y, recent.n
         return *about, recent.uncertainty, self._since
 
     def push(self, t: float, looks: bool, in_manoeuvre: bool) -> Doubt | None:

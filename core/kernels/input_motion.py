@@ -1,4 +1,4 @@
-"""How far the newest samples of a source move, and what noise and resolution make of it."""
+"""The newest samples of a source: how far they move, and which ones repeat a sample or a time."""
 
 from typing import NamedTuple
 
@@ -13,6 +13,23 @@ KEPT = 160
 """Samples looked at: SWINGS_S of a fast source."""
 GROWS = 2.0
 """A motion that no surface explains grows by this factor over the smallest one since."""
+
+APART_S = 0.019
+"""Least time between two samples that are looked at [s]; a faster source has more."""
+LOOK_S, FIRST_LOOK = 0.1, 8
+"""Time between two looks at the recent samples [s], and the least samples that show the noise."""
+REMEMBERED = 1024
+"""Newest samples that a later one may contradict."""
+SAME_TIMES = 1e6
+"""Parts of a second in which two times are equal."""
+
+NEWEST, LOOKED, SINCE, LATEST = range(4)
+"""Numbers of `times` [s]: newest sample looked at, last look, first of the identical samples, and
+the latest time in parts of a second."""
+N_RECENT, N_SAME, N_KNOWN = range(3)
+"""Numbers of `counts`: samples in t and y, newest identical samples, and samples remembered."""
+LOOKS, SAME, GOES_ON = 1, 2, 4
+"""Flags of a sample: it is time to look, it is identical to the last one, it is the latest."""
 
 
 class SurfaceRule(NamedTuple):
@@ -35,6 +52,73 @@ class SurfaceState(NamedTuple):
     has_changed: Flags
     quiet: Array
     moved: Array
+
+
+class Received(NamedTuple):
+    """The newest samples of a source, by time and by arrival.
+
+    t: (2 KEPT,) [s].   y: (2 KEPT, n_channels).   times, counts: see above.   last: (n_channels,)
+    bits of the newest sample.   at: (REMEMBERED,) times in parts of a second.   sources:
+    (REMEMBERED,).   known: (REMEMBERED, n_channels).
+    """
+
+    t: Array
+    y: Array
+    times: Array
+    counts: Indices
+    last: Indices
+    at: Array
+    sources: Indices
+    known: Array
+
+
+@brief
+def arrive(state, t, y, source):
+    """Add a received sample. t: [s].   y: (n_channels,).   source: its number.
+
+    Returns its flags, and the slot of `known` whose time it repeats, or -1.
+    """
+    times, counts, flags, repeated = state.times, state.counts, 0, -1
+    bits, is_same = y.view(np.int64), True
+    for c in range(bits.shape[0]):
+        is_same &= bits[c] == state.last[c]
+        state.last[c] = bits[c]
+    if is_same and counts[N_SAME] > 0:
+        counts[N_SAME], flags = counts[N_SAME] + 1, flags | SAME
+    else:
+        counts[N_SAME], times[SINCE] = 1, t
+    if _is_looked_at(state, t, y):
+        flags |= LOOKS
+    at, n = np.rint(t * SAME_TIMES), counts[N_KNOWN]
+    if at <= times[LATEST]:
+        for i in range(min(n, REMEMBERED)):
+            if state.at[i] == at:
+                repeated = i
+    if repeated < 0:
+        slot = n % REMEMBERED
+        state.at[slot], state.sources[slot], state.known[slot] = at, source, y
+        counts[N_KNOWN] = n + 1
+        if at > times[LATEST]:
+            times[LATEST], flags = at, flags | GOES_ON
+    return flags, repeated
+
+
+@inlined
+def _is_looked_at(state, t, y):
+    """Keep a sample that is far enough from the last one. Returns whether it is time to look."""
+    times, counts = state.times, state.counts
+    if t - times[NEWEST] < APART_S:
+        return False
+    if counts[N_RECENT] == state.t.shape[0]:
+        counts[N_RECENT] = KEPT
+        state.t[:KEPT], state.y[:KEPT] = state.t[KEPT:], state.y[KEPT:]
+    n = counts[N_RECENT]
+    state.t[n], state.y[n] = t, y
+    counts[N_RECENT], times[NEWEST] = n + 1, t
+    if n + 1 < FIRST_LOOK or t - times[LOOKED] < LOOK_S:
+        return False
+    times[LOOKED] = t
+    return True
 
 
 @brief
