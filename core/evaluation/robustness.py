@@ -11,7 +11,6 @@ from core.evaluation.rates import Evaluation, evaluate
 from core.monitor.monitor import Monitor
 from core.planned_test.collection import SimulatedTest, replanned
 from core.planned_test.near import FLIGHTS_EACH, fly_each, near_aircraft, retuned, softer
-from core.planned_test.own import OwnCodeError
 from core.planned_test.planned_test import (
     USUAL_TIMING_JITTER_S,
     DatasetRecipe,
@@ -23,6 +22,7 @@ from core.simulation.aircraft import AIRCRAFT, IdentifiedAircraft, PublishedAirc
 from core.simulation.imperfections import USUAL_IMPERFECTIONS
 from core.simulation.maneuver import Altered
 from core.simulation.published import MODELS
+from core.simulation.python_simulator import OwnCodeError
 from core.simulation.simulator import Flies, Rollouts
 from core.simulation.turbulence import Turbulence
 from core.types import Array, Indices

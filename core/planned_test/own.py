@@ -1,15 +1,10 @@
-"""Simulators of others: a Python object, or a plain function of one flight, as a planned test."""
+"""Simulators of others: an object, checked and judged by limits, as a planned test."""
 
-import linecache
-import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self, get_args
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
-import numpy.typing as npt
 
 from core.bounds import Bounds, check_bounds
 from core.channels import Dictionary
@@ -18,204 +13,16 @@ from core.limits.limits import IntervalLimits, Limits, Specification, envelope_o
 from core.monitor.group import GROUPINGS, Grouping
 from core.rollouts import LABEL, dictionary_of, labels, unlike
 from core.seeds import Branch, stream
-from core.simulation.simulator import Distribution, Parameters, Rollouts, Stopped
-from core.types import Array, Flags, Indices, real_numbers
-
-STANDARD, PACKAGES = Path(traceback.__file__).parent, "site-packages"
-OURS = tuple(Path(__file__).parents[2] / name for name in ("core", "app"))
-
-
-class OwnCodeError(ValueError):
-    """The code of a simulator failed, or returned what cannot be used."""
-
-
-@contextmanager
-def running(name: str, called: object = None) -> Iterator[None]:
-    """Raise errors of somebody's code as OwnCodeError, with the line of that code.
-
-    called: the function, of which the first line is named where calling it fails.
-    """
-    try:
-        yield
-    except OwnCodeError:
-        raise
-    except (Exception, SystemExit) as error:
-        frames = traceback.extract_tb(error.__traceback__)
-        theirs = [frame for frame in frames if not _is_ours(frame.filename)]
-        written = [frame for frame in theirs if PACKAGES not in frame.filename]
-        file, line = next(
-            ((frame.filename, frame.lineno) for frame in reversed(written or theirs)),
-            _defined(called),
-        )
-        if isinstance(error, SyntaxError):
-            file, line = error.filename or "", error.lineno
-        text = linecache.getline(file, line or 0).strip()
-        place = f" in {Path(file).name}, line {line}, {text!r}," if file else ""
-        what = f"{type(error).__name__}: {error}".splitlines()[0]
-        raise OwnCodeError(f"{name} failed{place} with {what}: correct it") from error
-
-
-def _defined(called: object) -> tuple[str, int | None]:
-    """File and first line of a function; an empty file if unknown."""
-    code = getattr(called, "__code__", None)
-    return ("", None) if code is None else (code.co_filename, code.co_firstlineno)
-
-
-def numbers(given: Any, what: str, needed: str) -> Array:
-    """What somebody's code gave as an array. OwnCodeError with the element that is no number."""
-    try:
-        return np.array(real_numbers(given, what))
-    except ValueError:
-        raise OwnCodeError(f"{_no_array(given, what)}: {needed}") from None
-
-
-def _no_array(given: Any, what: str) -> str:
-    """Where what was given is no array of numbers."""
-    parts = given if isinstance(given, list | tuple) or np.ndim(given) else ()
-    first: tuple[int, ...] | None = None
-    for k, part in enumerate(parts):
-        try:
-            shape = real_numbers(part, what).shape
-        except ValueError:
-            return _no_array(part, f"{what}[{k}]")
-        first = shape if first is None else first
-        if shape != first:
-            return f"{what}[{k}] has shape {shape}, the first one {first}"
-    return f"{what} is {_short(given)}"
-
-
-def _short(given: Any) -> str:
-    """What was given, in a few words."""
-    if isinstance(given, np.ndarray) and given.dtype == object:
-        return "an array of objects"
-    if np.ndim(given):
-        return f"of shape {np.shape(given)}"
-    return f"{given!r}"[:60] + ("" if given is None else f", a {type(given).__name__}")
-
-
-def _is_ours(file: str) -> bool:
-    """Whether a file is of this program or of the standard library."""
-    if file.startswith("<") or any(Path(file).is_relative_to(place) for place in OURS):
-        return True
-    return Path(file).is_relative_to(STANDARD) and PACKAGES not in file
-
-
-@dataclass(frozen=True, eq=False)
-class FunctionSimulator:
-    """A plain function of one flight as a simulator; `simulator` declares it.
-
-    function: (theta, inputs, t) -> outputs: theta by name, inputs (n_samples, n_inputs), t
-    (n_samples,) [s]; outputs (n_samples, n_channels) in SI units, N_y and N_z in g.
-    channels: a dictionary, or keys of the built-in ones.   dt: sample interval [s].
-    parameters: nominal value and spread of each, by name.
-    inputs: of each flight, the same ones or from a generator of random numbers.
-    noise: of the sensors, 1 sigma by channel; limits are judged without it.
-    distribution: of the parameters; the spread is a standard deviation or a half width.
-    """
-
-    function: Callable[[dict[str, float], Array, Array], npt.ArrayLike]
-    channels: Dictionary | Sequence[str]
-    dt: float
-    parameters: Mapping[str, tuple[float, float]]
-    inputs: npt.ArrayLike | Callable[[np.random.Generator], npt.ArrayLike]
-    noise: Mapping[str, float] = field(default_factory=dict)
-    distribution: Distribution = "normal"
-
-    @property
-    def name(self) -> str:
-        """Of its function, with the file and line where it begins."""
-        file, line = _defined(self.function)
-        name = getattr(self.function, "__name__", type(self.function).__name__)
-        return f"{name} ({Path(file).name}, line {line})" if file else name
-
-    def rollouts(self, n: int, rng: np.random.Generator) -> tuple[Array, None, Array]:
-        theta = parameters_of(self).sample(n, rng)
-        return self._flown(theta, self._inputs(n, rng)), None, theta
-
-    def fly(self, theta: Array, rng: np.random.Generator) -> tuple[Array, None, Array]:
-        return self._flown(theta, self._inputs(len(theta), rng)), None, theta
-
-    def stopping(self, n: int, rng: np.random.Generator) -> Callable[[Indices, Indices], Array]:
-        theta = parameters_of(self).sample(n, rng)
-        drawn = self._inputs(n, rng)
-
-        def stopped(which: Indices, neutral_from: Indices) -> Array:
-            inputs = [drawn[k].copy() for k in which]
-            for some, k in zip(inputs, neutral_from, strict=True):
-                some[k:] = some[0]
-            return self._flown(theta[which], inputs)
-
-        return stopped
-
-    def _inputs(self, n: int, rng: np.random.Generator) -> list[Array]:
-        """(n_samples, n_inputs) of each flight, which begins with neutral controls."""
-        drawn: list[Array] = []
-        needed = "give finite numbers (samples,) or (samples, controls), alike for all rollouts"
-        for k in range(n):
-            given, what = self.inputs, f"{self.name}: inputs of rollout {k + 1}"
-            if callable(given):
-                with running(what, given):
-                    given = given(rng)
-            each = numbers(given, what, needed)
-            each = each[:, np.newaxis] if each.ndim == 1 else each
-            if each.ndim != 2 or not np.isfinite(each).all():
-                missing = " with missing or infinite values" if each.ndim == 2 else ""
-                raise OwnCodeError(f"{what} is {_short(given)}{missing}: {needed}")
-            if drawn and each.shape != drawn[0].shape:
-                raise OwnCodeError(
-                    f"{what} is of shape {each.shape}, that of rollout 1 {drawn[0].shape}: {needed}"
-                )
-            drawn.append(each)
-        return drawn
-
-    def _flown(self, theta: Array, inputs: list[Array]) -> Array:
-        flights, names = [], list(self.parameters)
-        keys = self.channels.measured if isinstance(self.channels, Dictionary) else self.channels
-        for k, (values, each) in enumerate(zip(theta.tolist(), inputs, strict=True)):
-            t = np.arange(len(each), dtype=np.float64) * self.dt
-            given = dict(zip(names, values, strict=True))
-            where = f"{self.name}, {rollout_in_words(k, len(theta), given)}"
-            with running(f"{where},", self.function):
-                outputs = self.function(given, each, t)
-            needed = (
-                f"return ({len(t)} samples, {len(keys)} channels {', '.join(keys)}), a row for "
-                "each time in t"
-            )
-            y = numbers(outputs, f"{where}: outputs", needed)
-            if y.shape != (len(t), len(keys)):
-                raise OwnCodeError(f"{where}: outputs is {_short(outputs)}: {needed}")
-            flights.append(y)
-        return np.array(flights) if flights else np.empty((0, 0, 0))
-
-
-def rollout_in_words(k: int, n: int, theta: Mapping[str, float]) -> str:
-    """`rollout 7 of 100 (gain=1.2)`.   k: its number from 0."""
-    values = ", ".join(f"{name}={value:.4g}" for name, value in theta.items())
-    return f"rollout {k + 1} of {n}{f' ({values})' if values else ''}"
-
-
-def simulator(
-    **declared: Any,
-) -> Callable[[Callable[[dict[str, float], Array, Array], npt.ArrayLike]], FunctionSimulator]:
-    """Declare a plain function as a simulator.   declared: fields of `FunctionSimulator`."""
-    return lambda function: FunctionSimulator(function, **declared)
-
-
-def parameters_of(own: Any) -> Parameters:
-    """The parameters that a simulator declares: nominal value and spread of each, by name."""
-    given: Any = own.parameters
-    distribution: Any = getattr(own, "distribution", "normal")
-    if isinstance(given, Parameters):
-        return given
-    try:
-        pairs = np.array([given[name] for name in given], np.float64).reshape(len(given), 2)
-    except (TypeError, ValueError, KeyError, IndexError):
-        pairs = np.full((1, 2), np.nan)
-    if not (np.isfinite(pairs).all() and (pairs[:, 1] >= 0).all()):
-        raise OwnCodeError(f"parameters is {given!r}: give {{name: (nominal value, spread)}}")
-    if distribution not in get_args(Distribution):
-        raise OwnCodeError(f"distribution is {distribution!r}: give normal or uniform")
-    return Parameters(tuple(map(str, given)), pairs[:, 0].copy(), pairs[:, 1].copy(), distribution)
+from core.simulation.python_simulator import (
+    OwnCodeError,
+    numbers,
+    parameters_of,
+    rollout_in_words,
+    running,
+)
+from core.simulation.python_simulator import simulator as simulator
+from core.simulation.simulator import Parameters, Rollouts, Stopped
+from core.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from core.planned_test.own import OwnSimulator, OwnTest, simulator
+from core.planned_test.own import OwnSimulator, OwnTest
+from core.simulation.python_simulator import simulator
 from core.types import Array
 from tests.support import short_period
 from tests.support.short_period import DICTIONARY, DT, LIMITS, N_SAMPLES

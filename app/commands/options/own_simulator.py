@@ -11,8 +11,9 @@ from app.recipes.recipes import RecipeError
 from app.telemetry.limit_texts import specified
 from app.telemetry.rollouts import RolloutFile
 from core.monitor.training import check_lead
-from core.planned_test.own import OwnCodeError, OwnSimulator, OwnTest, running
+from core.planned_test.own import OwnSimulator, OwnTest
 from core.recipe import instead_of
+from core.simulation.python_simulator import OwnCodeError, running
 
 PILOT_FLIGHTS = 100
 """Flights that show trim, and whether flights are reproducible and unlike each other."""

@@ -16,9 +16,10 @@ from core.planned_test.collection import (
     replanned,
     stopping_flights,
 )
-from core.planned_test.own import OwnCodeError, OwnSimulator
+from core.planned_test.own import OwnSimulator
 from core.planned_test.planned_test import DatasetRecipe
 from core.seeds import Branch, stream
+from core.simulation.python_simulator import OwnCodeError
 from core.simulation.simulator import Flies, Stops
 from tests.support.own_pitch import (
     NOISE,
