@@ -17,6 +17,7 @@ from app.main import STATIC
 from app.routes.guide import SLUGS
 from core.monitor import MonitorRecipe, train
 from core.planned_test.collection import DatasetRecipe, collect
+from tests.support import pitch_fmu
 from tests.support.api import served
 from tests.support.command_line_page import PAGE, page
 from tests.support.live_server import LiveServer, live_server
@@ -85,9 +86,13 @@ def test_commands_of_a_page_run(slug: str, folder: Path, monkeypatch: pytest.Mon
         module, *code = blocks(slug, "python")
         Path("pitch.py").write_text(module)
         exec("".join(code), {})
+        Path("point.json").write_text(*blocks(slug, "json"))
+        if not pitch_fmu.MISSING:
+            pitch_fmu.make_fmu(Path("model.fmu"))
     for arguments in commands(slug):
         small = [] if "--rollouts" in arguments else SMALL.get(arguments[0], [])
-        if arguments[0] not in MINUTES:
+        is_fmu = "model.fmu" in arguments
+        if arguments[0] not in MINUTES and not (is_fmu and pitch_fmu.MISSING):
             assert main([*arguments, *small]) == 0, arguments
 
 

@@ -78,8 +78,15 @@ def add(parser: argparse.ArgumentParser) -> None:
     own = parser.add_argument_group("own simulator or rollouts, instead of simulated ones")
     option(
         own,
-        "--simulator MODULE:NAME",
-        "your simulator in Python, such as package.module:name; its code runs with your rights",
+        "--simulator SPEC",
+        "your simulator in Python, package.module:name, or a model.fmu; its code runs with your "
+        "rights",
+    )
+    option(
+        own,
+        "--point FILE.json",
+        "test point that a model flies: inputs, parameters, channels",
+        type=Path,
     )
     option(
         own,
@@ -120,6 +127,8 @@ def run(options: argparse.Namespace) -> int:
     for name in ("label", "mapping"):
         if options.recordings is None and getattr(options, name) is not None:
             raise RecipeError(f"--{name} was given without --recordings: give both")
+    if options.point is not None and options.simulator is None:
+        raise RecipeError("--point was given without --simulator: give both")
     if options.simulator is not None and options.recordings is None:
         return run_on_simulator(options)
     if options.rollouts is not None or options.recordings is not None:

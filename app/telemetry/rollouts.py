@@ -192,7 +192,7 @@ def _of_arrays(columns: Columns, wanted: _Wanted) -> RolloutFile:
     units = [signal.unit for signal in signals]
     if dictionary is None:
         keys, units = zip(*_without_suffixes(keys, units), strict=True)
-        dictionary = _own(keys, units)
+        dictionary = own_dictionary(keys, units)
     shape = flights.n_rows, samples.n_rows // flights.n_rows
     y = wanted.empty(*shape, len(dictionary.measured))
     for c, known in enumerate(_measured(dictionary)):
@@ -295,7 +295,8 @@ def _named(names: Iterable[str], among: Sequence[str]) -> str | None:
 def _of_flights(flights: Iterator[_Flight], wanted: _Wanted) -> RolloutFile:
     read, name = list(flights), wanted.name
     first = read[0]
-    dictionary = wanted.dictionary or _own(list(first.columns), list(first.units.values()))
+    units = list(first.units.values())
+    dictionary = wanted.dictionary or own_dictionary(list(first.columns), units)
     steps = np.array([np.median(np.diff(flight.t)) if len(flight.t) > 1 else 0 for flight in read])
     dt = float(np.median(steps))
     off = np.flatnonzero(np.abs(steps - dt) > MOST_JITTER * dt)
@@ -357,7 +358,7 @@ def _without_suffix(key: str, unit: str) -> tuple[str, str]:
     return key, unit
 
 
-def _own(keys: Sequence[str], units: Sequence[str]) -> Dictionary:
+def own_dictionary(keys: Sequence[str], units: Sequence[str]) -> Dictionary:
     """A dictionary of a file's own names and units, known channels with their roles."""
     known = known_channels()
     channels = []

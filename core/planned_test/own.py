@@ -282,7 +282,7 @@ class OwnTest:
         return self.flown_by
 
     def to_plain(self) -> dict[str, Any]:
-        """Its provenance; the simulator's code is not part of it."""
+        """Its provenance; code is not part of it, but what a model says of itself is."""
         names, nominal, spread, distribution = self.flown_by.parameters
         each = zip(names, nominal.tolist(), spread.tolist(), strict=True)
         sizes = ("n_unsafe", "n_obs", "seed", "max_rollouts", "max_safe")
@@ -290,5 +290,6 @@ class OwnTest:
             "simulator": self.flown_by.name,
             "parameters": {name: {"nominal": at, "spread": by} for name, at, by in each},
             "distribution": distribution,
+            **getattr(self.flown_by.own, "about", {}),
             **{size: getattr(self, size) for size in sizes},
         }

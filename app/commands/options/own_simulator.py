@@ -1,11 +1,13 @@
-"""A simulator named on the command line: `package.module:name`."""
+"""A simulator named on the command line: `package.module:name`, or a model's file."""
 
 import argparse
 import sys
 from dataclasses import fields, replace
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
+from app.commands.options.fmu_simulator import fmu_simulator
 from app.commands.options.recipe import PATHS
 from app.recipes.recipes import RecipeError
 from app.telemetry.limit_texts import specified
@@ -24,8 +26,20 @@ ITS_OWN = (
 """Options of what a simulator has of its own."""
 
 
-def load(name: str) -> OwnSimulator:
-    """Import a simulator, also from the current folder. RecipeError; OwnCodeError."""
+FMU = ".fmu"
+
+
+def load(name: str, point: Path | None = None) -> OwnSimulator:
+    """The simulator of a name.   point: what a model flies. RecipeError, OwnCodeError."""
+    if name.endswith(FMU):
+        return OwnSimulator.of(fmu_simulator(name, point), name)
+    if point is not None:
+        raise RecipeError(f"--point was given with --simulator {name}, which has its own: omit it")
+    return OwnSimulator.of(_imported(name), name)
+
+
+def _imported(name: str) -> Any:
+    """What a module holds, also one in the current folder."""
     module_name, _, attribute = name.partition(":")
     if not (module_name and attribute):
         raise RecipeError(f"--simulator {name!r}: write it as package.module:name")
@@ -45,7 +59,7 @@ def load(name: str) -> OwnSimulator:
     if not hasattr(module, attribute):
         known = [each for each in vars(module) if not each.startswith("_")]
         raise RecipeError(f"{module_name} has no {attribute!r}: {instead_of(attribute, known)}")
-    return OwnSimulator.of(getattr(module, attribute), name)
+    return getattr(module, attribute)
 
 
 def own_test(options: argparse.Namespace, t_early: float) -> OwnTest:
@@ -62,7 +76,7 @@ def own_test(options: argparse.Namespace, t_early: float) -> OwnTest:
             raise RecipeError(f"--{word} was given with --simulator, which has its own: omit one")
     asked = {name: getattr(options, path, None) for name, path in sizes.items()}
     asked = {name: value for name, value in asked.items() if value is not None}
-    simulator = load(options.simulator)
+    simulator = load(options.simulator, options.point)
     test = OwnTest(simulator, **asked)
     y = simulator.outputs(PILOT_FLIGHTS, test.seed)
     check_lead(t_early, (y.shape[1] - 1) * simulator.dt)

@@ -1,0 +1,277 @@
+"""Flights of native code, in processes of their own: a crash or a hang of it is one error.
+
+A process loads a model once and flies one flight after the other. Flights are drawn before, so
+they are the same bits for any number of processes.
+"""
+
+import os
+import pickle
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import weakref
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from functools import cached_property
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from threading import Lock
+from typing import Any, NoReturn, Protocol
+
+import numpy as np
+
+from core.simulation.python_simulator import FlightByFlight, OwnCodeError, rollout_in_words
+from core.types import Array
+
+Fly = Callable[[Array, Array], Array]
+"""One flight, from theta (n_parameters,) and inputs (n_samples, n_inputs) to outputs."""
+
+AT_ONCE = 16
+"""Flights that a process gets together."""
+GRACE_S = 10.0
+"""A process that does not end by its own alarm is killed after this additional time."""
+FLIGHT, ERROR = b"f", b"e"
+"""First byte of an answer: outputs or a text."""
+
+
+class Model(Protocol):
+    """Native code, as plain data that can be sent to another process."""
+
+    def load(self) -> Fly:
+        """Load the code into this process, in whose folder it may write. ValueError."""
+        ...
+
+
+@dataclass(frozen=True)
+class ProcessLimits:
+    """Of one process: seconds for a flight, and for loading; memory in MiB."""
+
+    seconds: float = 60.0
+    memory: int = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class ModelSimulator(FlightByFlight):
+    """Native code as a simulator.
+
+    model_name: for messages.   about: provenance, as plain data.
+    processes: at most; the result does not depend on it.
+    """
+
+    model: Model
+    model_name: str
+    limits: ProcessLimits = ProcessLimits()
+    about: Mapping[str, Any] = field(default_factory=dict)
+    processes: int = field(default_factory=lambda: len(os.sched_getaffinity(0)))
+
+    @property
+    def name(self) -> str:
+        return self.model_name
+
+    @cached_property
+    def _started(self) -> "_Processes":
+        return _Processes(self.model, self.name, self.limits)
+
+    def end(self) -> None:
+        """End the processes; the next flight starts new ones."""
+        self._started.end()
+
+    def _flown(self, theta: Array, inputs: list[Array]) -> Array:
+        if not inputs:
+            return np.empty((0, 0, 0))
+        y = np.empty((len(theta), len(inputs[0]), len(self.measured)))
+        parts = iter([slice(k, k + AT_ONCE) for k in range(0, len(theta), AT_ONCE)])
+        names, lock, errors = list(self.parameters), Lock(), dict[int, str]()
+
+        def fly(process: _Process) -> None:
+            while not errors:
+                with lock:
+                    part = next(parts, None)
+                if part is None:
+                    return
+                k = part.start
+                try:
+                    for outputs in process.fly(theta[part], inputs[part], y.shape[1:]):
+                        y[k] = outputs
+                        k += 1
+                except _FlightError as error:
+                    values = dict(zip(names, theta[k].tolist(), strict=True))
+                    errors[k] = f"{self.name}, {rollout_in_words(k, len(theta), values)}, {error}"
+
+        self._started.run(fly, min(self.processes, -(-len(theta) // AT_ONCE)))
+        if errors:
+            self.end()
+            raise OwnCodeError(errors[min(errors)])
+        return y
+
+
+class _FlightError(Exception):
+    """Why there is no flight, and what to do."""
+
+
+class _Process:
+    """A process that has loaded a model."""
+
+    def __init__(self, model: Model, limits: ProcessLimits, folder: str) -> None:
+        self._limits = limits
+        self._connection, theirs = Pipe()
+        paths = (os.path.abspath(place) for place in sys.path)
+        threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+        self.popen = subprocess.Popen(
+            [sys.executable, "-P", "-W", "ignore", "-m", __name__, str(theirs.fileno())],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            pass_fds=[theirs.fileno()],
+            cwd=folder,
+            start_new_session=True,  # ignore interrupts from the terminal
+            env=os.environ | threads | {"PYTHONPATH": os.pathsep.join(paths), "TMPDIR": folder},
+        )
+        theirs.close()
+        self._send((model, limits))
+
+    def loaded(self) -> None:
+        """Wait until the model is loaded. _FlightError."""
+        self._answer()
+
+    def fly(self, theta: Array, inputs: Sequence[Array], shape: tuple[int, ...]) -> Iterator[Array]:
+        self._send((theta, inputs))
+        for _ in theta:
+            outputs = np.frombuffer(self._answer(), np.float64)
+            if outputs.size != np.prod(shape):
+                raise _FlightError(f"returned {outputs.size} numbers instead of {np.prod(shape)}")
+            yield outputs.reshape(shape)
+
+    def end(self) -> None:
+        self._connection.close()
+        if self.popen.poll() is None:
+            self.popen.kill()
+        self.popen.wait()
+
+    def _send(self, plain: object) -> None:
+        try:
+            self._connection.send_bytes(pickle.dumps(plain))
+        except OSError:
+            self._ended()
+
+    def _answer(self) -> bytes:
+        try:
+            if not self._connection.poll(self._limits.seconds + GRACE_S):
+                self.popen.kill()
+            answer = self._connection.recv_bytes()
+        except (EOFError, OSError):
+            self._ended()
+        if answer[:1] == ERROR:
+            raise _FlightError(answer[1:].decode())
+        return answer[1:]
+
+    def _ended(self) -> NoReturn:
+        code = self.popen.wait()
+        seconds, memory = self._limits.seconds, self._limits.memory
+        try:
+            reason = signal.Signals(-code).name
+        except ValueError:
+            reason = f"exit {code}"
+        if reason in ("SIGALRM", "SIGKILL"):
+            raise _FlightError(
+                f"took more than {seconds:g} s or was stopped by the system: correct the model, or "
+                "allow more seconds"
+            )
+        raise _FlightError(
+            f"crashed ({reason}) within {memory} MiB of memory: correct the model, or allow more "
+            "memory"
+        )
+
+
+class _Processes:
+    """Processes of one model, started when they are needed, ended with this object."""
+
+    def __init__(self, model: Model, name: str, limits: ProcessLimits) -> None:
+        self._model, self._name, self._limits = model, name, limits
+        self._folder = tempfile.TemporaryDirectory(prefix="forewarn-", ignore_cleanup_errors=True)
+        self._all: list[_Process] = []
+        weakref.finalize(self, _end, self._all, self._folder)
+
+    def run(self, work: Callable[[_Process], None], n: int) -> None:
+        """Run `work` with each of n processes at the same time. OwnCodeError."""
+        try:
+            new = [self._start() for _ in range(n - len(self._all))]
+            for process in new:
+                process.loaded()
+            with ThreadPoolExecutor(n) as pool:
+                try:
+                    list(pool.map(work, self._all[:n]))
+                except BaseException:  # an interrupt, which must not wait for flights
+                    for process in self._all:
+                        process.popen.kill()
+                    raise
+        except _FlightError as error:
+            self.end()
+            raise OwnCodeError(f"{self._name} {error}") from None
+        except BaseException:
+            self.end()
+            raise
+
+    def end(self) -> None:
+        _end(self._all)
+
+    def _start(self) -> _Process:
+        self._all.append(_Process(self._model, self._limits, self._folder.name))
+        return self._all[-1]
+
+
+def _end(
+    processes: list[_Process], folder: "tempfile.TemporaryDirectory[str] | None" = None
+) -> None:
+    while processes:
+        processes.pop().end()
+    if folder is not None:
+        folder.cleanup()
+
+
+def _limited(megabytes: int) -> None:
+    memory = megabytes * 2**20
+    resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+def main(connection: Connection) -> None:
+    """Load the model that is sent, then fly what is sent, until the other side closes."""
+    model, limits = pickle.loads(connection.recv_bytes())
+    _limited(limits.memory)
+
+    def answered(work: Callable[[], bytes]) -> bool:
+        signal.setitimer(signal.ITIMER_REAL, limits.seconds)
+        try:
+            answer = FLIGHT + work()
+        except MemoryError:
+            answer = ERROR + f"needs more than {limits.memory} MiB: allow more memory".encode()
+        except Exception as error:
+            answer = ERROR + f"failed: {error}".encode()
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        connection.send_bytes(answer)
+        return answer[:1] == FLIGHT
+
+    fly: list[Fly] = []
+
+    def load() -> bytes:
+        fly.append(model.load())
+        return b""
+
+    if not answered(load):
+        return
+    while True:
+        try:
+            theta, inputs = pickle.loads(connection.recv_bytes())
+        except EOFError:
+            return
+        for values, each in zip(theta, inputs, strict=True):
+            if not answered(lambda values=values, each=each: fly[0](values, each).tobytes()):
+                return
+
+
+if __name__ == "__main__":
+    main(Connection(int(sys.argv[1])))
