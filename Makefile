@@ -1,4 +1,4 @@
-.PHONY: demo study studies test fuzz lint types types-page bench command-line pictures clean
+.PHONY: demo study studies test fuzz services lint types types-page bench command-line pictures clean
 VENV := .venv
 BIN := $(VENV)/bin
 PYTHON ?= python3
@@ -30,6 +30,9 @@ test: $(READY) ## every test but the long campaign of damaged files; a file's te
 
 fuzz: $(READY) ## what repeats facts at length: ten thousand damaged files, calls of every route, a hundred and ten kills of the server, laws at every case
 	FOREWARN_CAMPAIGN=1 $(TESTING) $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "fuzz or (hypothesis and not benchmark)" $(ALSO)
+
+services: $(READY) ## the tests that need a PostgreSQL (initdb on the path); they start one and stop it
+	$(TESTING) $(BIN)/python -m pytest -n 0 -m services $(ALSO)
 
 lint: $(READY) ## style, formatting and the direction of imports
 	$(BIN)/ruff check

@@ -188,6 +188,7 @@ async def _parts(app: FastAPI) -> AsyncIterator[None]:
         await asyncio.to_thread(finish, settings.data_dir)
         store = app.state.store = await asyncio.to_thread(open_store, settings.url)
         parts.callback(store.close)
+        parts.enter_context(store.owned())
         await asyncio.to_thread(store.start)
         parts.callback(store.stop)
         await asyncio.to_thread(store.reserve.make)

@@ -3,25 +3,22 @@
 import asyncio
 import gc
 import logging
-import os
 import socket
 import sys
 from collections.abc import Awaitable, Callable, Iterator
-from contextlib import contextmanager
-from errno import EACCES
+from contextlib import ExitStack, contextmanager
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import uvicorn
 from fastapi import FastAPI
-from filelock import FileLock, Timeout
 
 from app.http.bounded_protocol import BoundedHttp
 from app.http.direct_websocket import DirectWebSocket
 from app.main import create_app
 from app.settings import Settings, SettingsError
-from app.store.database import address, file_of
+from app.store.database import StoreError, address
+from app.store.ownership import FileHold, owned
 from app.store.store import open_store
 
 UNANSWERED_MS = 5_000
@@ -155,42 +152,20 @@ def serve(
 
 @contextmanager
 def alone(settings: Settings) -> Iterator[None]:
-    """Lock the data directory and an SQLite database for this process.
+    """Lock the data directory and the database for this process.
 
     Creates the directory if needed. SettingsError if another process serves either, or if they are
     not writable.
     """
-    database = file_of(address(settings.url))
-    with _locked(settings.data_dir, settings.data_dir / "forewarn.lock", "--data-dir"):
-        if database is None:
-            yield
-            return
-        lock = database.with_name(f"{database.name}.lock")
-        with _locked(database, lock, "--database-url"):
-            yield
-
-
-@contextmanager
-def _locked(locked: Path, path: Path, option: str) -> Iterator[None]:
-    """Hold a lock file. locked: what it protects.   option: chooses another one."""
-    lock = FileLock(path, timeout=0, mode=0o600)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if not os.access(path.parent, os.W_OK):
-            raise PermissionError(EACCES, os.strerror(EACCES))
-        lock.acquire()
-    except Timeout:
-        raise SettingsError(
-            f"another forewarn serves {locked}: stop it, or choose another one with {option}"
-        ) from None
-    except OSError as error:
-        raise SettingsError(
-            f"{locked} is not writable ({error.strerror}): choose another one with {option}"
-        ) from error
-    try:
+    directory = FileHold(settings.data_dir, settings.data_dir / "forewarn.lock", "--data-dir")
+    with ExitStack() as held:
+        try:
+            directory.take()
+            held.callback(directory.release)
+            held.enter_context(owned(address(settings.url), first=True))
+        except StoreError as error:
+            raise SettingsError(str(error)) from error
         yield
-    finally:
-        lock.release()
 
 
 def _loop_factory() -> Callable[[], asyncio.AbstractEventLoop] | None:

@@ -20,6 +20,7 @@ from core.monitor import Monitor
 from tests.support import oscillator
 from tests.support.attas import trained
 from tests.support.patience import PATIENCE
+from tests.support.postgresql import PostgreSQL, running
 from tests.support.repetition import examples
 
 CARRY_OUT, WARM_UP = isolation.carry_out, isolation.warm_up
@@ -121,6 +122,13 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
 
     with api(tmp_path_factory.mktemp("data")) as client:
         yield client
+
+
+@pytest.fixture(scope="session")
+def postgresql() -> Iterator[PostgreSQL]:
+    """A server of this machine's PostgreSQL, with nothing in it."""
+    with running() as server:
+        yield server
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import httpx2
-from sqlalchemy import URL, make_url
+from sqlalchemy import URL
 from websockets.asyncio.client import connect
 
 from app.commands import serve
@@ -29,6 +29,7 @@ from app.recordings.files import RecordingFiles
 from app.scene.server import SUBPROTOCOL
 from app.serving import Server, address_of, listen
 from app.settings import Settings, SettingsError
+from app.store.database import address, is_sqlite
 from app.store.disk import LastStop
 from app.store.schema import current_revision, migrations, needs_upgrade, revisions
 from app.store.store import StoreError, open_store
@@ -126,7 +127,7 @@ def _is_new(url: URL) -> bool:
 
 def schema(settings: Settings) -> str:
     """The database's schema against the program's, and the database's integrity."""
-    url = make_url(settings.url)
+    url = address(settings.url)
     if older := LastStop(url).finding():
         raise Failed(older)
     if _is_new(url):
@@ -138,12 +139,13 @@ def schema(settings: Settings) -> str:
     with closing(open_store(settings.url, recover=False)) as store:
         if damage := store.damage():
             raise Failed(f"the database is damaged ({damage[0]}): restore a backup")
-    return f"{revision}, the newest; the database is undamaged"
+    undamaged = "undamaged" if is_sqlite(url) else "not checked: PostgreSQL has pg_amcheck"
+    return f"{revision}, the newest; the database is {undamaged}"
 
 
 def contents(settings: Settings) -> str:
     """Every monitor, dataset, file, column, scoring and flight against its digest."""
-    url = make_url(settings.url)
+    url = address(settings.url)
     if _is_new(url):
         return "none yet"
     if needs_upgrade(url):

@@ -24,7 +24,7 @@ from math import ceil
 from pathlib import Path
 from typing import BinaryIO, cast
 
-from app.store.database import Damaged
+from app.store.database import Damaged, StoreError
 from app.telemetry.contents import CONTENTS, Columns, open_columns
 
 LOG = logging.getLogger("forewarn")
@@ -36,6 +36,10 @@ SPARE_BYTES = 256 * 2**20
 
 PIECE_BYTES = 2**20
 Signature = tuple[int, int, int, int]
+
+
+class Elsewhere(StoreError):
+    """The recording's folder is in another data directory."""
 
 
 class NoSpace(OSError):
@@ -135,6 +139,20 @@ class RecordingFiles:
 
     def scorings(self, recording_id: str) -> Path:
         return self.root / recording_id / "scorings"
+
+    @contextmanager
+    def present(self, recording_id: str) -> Iterator[None]:
+        """Turn FileNotFoundError into Elsewhere without a folder, else into StoreError."""
+        try:
+            yield
+        except FileNotFoundError as error:
+            folder = self.root / recording_id
+            if not folder.is_dir():
+                raise Elsewhere(
+                    f"{folder} is missing: the recording is stored in another data directory; "
+                    "start the server with that one, or restore it from a backup"
+                ) from error
+            raise StoreError(f"{error.filename} is missing: {REMEDY}") from error
 
     def columns(self, recording_id: str) -> Columns:
         """The columns of a recording; each is checked on reading. FileNotFoundError; Damaged."""

@@ -279,13 +279,12 @@ class Recordings:
     def present(self, recording_id: str) -> Iterator[None]:
         """Turn missing files into NotFound if the recording was deleted, else StoreError."""
         try:
-            yield
-        except FileNotFoundError as error:
-            self.store.recordings.info(recording_id)
-            raise StoreError(
-                f"{error.filename} is missing: restore the data directory, or delete the "
-                "recording and upload it again"
-            ) from error
+            with self.files.present(recording_id):
+                yield
+        except StoreError as error:
+            if isinstance(error.__cause__, FileNotFoundError):
+                self.store.recordings.info(recording_id)
+            raise
 
     def _begin(self, recording_id: str, length: int) -> Path:
         self.files.require(length)

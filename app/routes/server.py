@@ -64,6 +64,9 @@ class IntegrityReport(BaseModel):
         description="flights stored by an earlier version without digests: readable, not verified"
     )
     damaged: list[Damage]
+    elsewhere: int = Field(
+        description="recordings whose files are in another data directory: listed, not readable"
+    )
     older: str = Field(
         description="one sentence if the database is older than at its last good stop, else empty"
     )
@@ -105,6 +108,7 @@ async def integrity(request: Request) -> IntegrityReport:
         checked=known.n_checked,
         unverified=len(known.unverified),
         damaged=damaged,
+        elsewhere=await asyncio.to_thread(known.n_elsewhere),
         older=request.app.state.store.last_stop.older,
     )
 

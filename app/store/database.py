@@ -1,6 +1,6 @@
-"""The database behind the store: URL, engine and transactions; SQLite by default.
+"""The database behind the store: URL, engine and transactions; SQLite by default, or PostgreSQL.
 
-All SQL that only SQLite understands is in this file.
+All SQL that only one of them understands is in this file; the lock of a server is in `ownership`.
 """
 
 import os
@@ -9,6 +9,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from functools import partial
+from importlib.util import find_spec
 from json import JSONDecodeError
 from pathlib import Path
 from typing import Any
@@ -20,15 +21,19 @@ from sqlalchemy.pool import NullPool
 
 from app import json_codec
 
+POSTGRESQL = "postgresql+psycopg"
 WRITES = "writes"
 """Execution option of connections that will write."""
 
 SQLITE_HEADER = b"SQLite format 3\0"
 CORRUPT = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_CORRUPT_INDEX, sqlite3.SQLITE_NOTADB)
 BUSY_TIMEOUT_MS = 30_000
+POOL = {"pool_size": 8, "max_overflow": 24}
 CHECKPOINT_TIMEOUT_MS = 200
 POLL_S = 0.05
 """Interval at which a running check looks whether it must end [s]."""
+WRITER_KEY = 0x666F7277
+"""Number of the advisory lock of the one who writes to PostgreSQL."""
 LARGEST_IDLE_LOG = 64 * 2**20
 """Size of the write-ahead log on disk after a checkpoint [bytes]."""
 
@@ -55,18 +60,28 @@ def address(url_or_path: str | Path) -> URL:
         return URL.create("sqlite", database=given)
     try:
         url = make_url(given)
+        if url.drivername in ("postgresql", "postgres"):
+            url = url.set(drivername=POSTGRESQL)
         url.get_dialect()
     except (ArgumentError, NoSuchModuleError) as error:
-        raise StoreError(
-            f"unsupported database URL ({error}): give a path, or a URL such as "
-            "sqlite:////home/crew/forewarn.db"
-        ) from error
+        raise _unsupported(str(error)) from error
+    if not is_sqlite(url) and url.drivername != POSTGRESQL:
+        raise _unsupported(url.drivername)
+    if not is_sqlite(url) and find_spec("psycopg") is None:
+        raise StoreError("PostgreSQL needs psycopg: pip install 'forewarn[postgres]'")
     if is_sqlite(url) and (url.database in (None, "", ":memory:") or url.query):
         raise StoreError(
             f"{given} does not name a file: give sqlite:/// with a path and no parameters; a "
             "database in memory would lose its content"
         )
     return url
+
+
+def _unsupported(reason: str) -> StoreError:
+    return StoreError(
+        f"unsupported database URL ({reason}): give a path, or a URL such as "
+        "sqlite:////home/crew/forewarn.db or postgresql://crew@host/forewarn"
+    )
 
 
 def is_sqlite(url: URL) -> bool:
@@ -109,13 +124,9 @@ def make_engine(url: URL, *, foreign_keys: bool = True) -> Engine:
     foreign_keys: False while a migration rebuilds tables, whose rows would otherwise cascade.
     """
     if not is_sqlite(url):
-        return create_engine(url, json_serializer=to_text)
+        return _make_postgresql(url)
     engine = create_engine(
-        url,
-        json_serializer=to_text,
-        pool_size=8,
-        max_overflow=24,
-        connect_args={"timeout": BUSY_TIMEOUT_MS / 1000},
+        url, json_serializer=to_text, **POOL, connect_args={"timeout": BUSY_TIMEOUT_MS / 1000}
     )
 
     @event.listens_for(engine, "connect")
@@ -136,6 +147,23 @@ def make_engine(url: URL, *, foreign_keys: bool = True) -> Engine:
         # A transaction that reads before it writes cannot wait for another writer.
         writes = connection.get_execution_options().get(WRITES, False)
         connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+
+    return engine
+
+
+def _make_postgresql(url: URL) -> Engine:
+    """An engine whose transactions are as SQLite's: one writer at a time, one state to readers."""
+    engine = create_engine(url, json_serializer=to_text, **POOL, isolation_level="REPEATABLE READ")
+
+    @event.listens_for(engine, "begin")
+    def begin(connection: Connection) -> None:
+        if connection.get_execution_options().get(WRITES, False):
+            # its statements see what was written while it waited
+            connection.exec_driver_sql(
+                "SET TRANSACTION ISOLATION LEVEL READ COMMITTED;"
+                f"SET LOCAL lock_timeout = {BUSY_TIMEOUT_MS};"
+                f"SELECT pg_advisory_xact_lock({WRITER_KEY})"
+            )
 
     return engine
 
@@ -344,9 +372,14 @@ def _explained(engine: Engine) -> Iterator[None]:
                 "backup of it"
             ) from error
         raise StoreError(
-            f"the database {place} failed ({error.orig}): check that its disk has space and allows "
-            "writing, and that no other program locks it"
+            f"the database {place} failed ({reason_of(error)}): check that its disk has space and "
+            "allows writing, and that no other program locks it"
         ) from error
+
+
+def reason_of(error: DBAPIError) -> str:
+    """What the database says of an error, on one line."""
+    return " ".join(str(error.orig).split())
 
 
 def to_text(value: Any) -> str:

@@ -24,8 +24,9 @@ from sqlalchemy import (
     update,
 )
 
-from app.store.database import reading, writing
+from app.store.database import StoreError, reading, writing
 from app.store.disk import Reserve
+from app.store.ownership import Ownership
 from app.store.tables import flights
 
 TRANSACTION_BYTES = 4 * 2**20
@@ -82,12 +83,19 @@ class Writer:
         self.reserve = reserve
         self.unfinished: Callable[[], None] | None = None
         self.n_turns = 0
+        self.ownership: Ownership | None = None
         self._lock = RLock()
 
     @contextmanager
     def turn(self) -> Iterator[None]:
-        """Let one thread write at a time. StoreError if unfinished work still cannot be written."""
+        """Let one thread write at a time.
+
+        StoreError if unfinished work still cannot be written, or if the database is another
+        server's now.
+        """
         with self._lock:
+            if self.ownership is not None and self.ownership.fault:
+                raise StoreError(self.ownership.fault)
             if (work := self.unfinished) is not None:
                 self.unfinished = None
                 try:

@@ -16,9 +16,11 @@ from app.store.database import (
     broken_references,
     copy_database,
     file_of,
+    is_sqlite,
     make_directory,
     make_engine,
     read_only_engine,
+    reason_of,
     writing,
 )
 from app.store.tables import metadata
@@ -79,9 +81,12 @@ def current_revision(url: URL) -> str | None:
             tables = set(inspect(connection).get_table_names()) - {VERSION_TABLE}
             heads = MigrationContext.configure(connection).get_current_heads()
     except DBAPIError as error:
-        raise StoreError(
-            f"{place} cannot be read ({error.orig}): choose a Forewarn database, or a new file"
-        ) from error
+        remedy = (
+            "choose a Forewarn database, or a new file"
+            if is_sqlite(url)
+            else "check that the database runs, exists and accepts this user"
+        )
+        raise StoreError(f"{place} cannot be read ({reason_of(error)}): {remedy}") from error
     finally:
         engine.dispose()
     if not heads and tables:

@@ -6,7 +6,8 @@ Every method is synchronous and may be called from any thread; coroutines call i
 
 import asyncio
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from sqlalchemy import Engine, select
@@ -22,6 +23,7 @@ from app.store.jobs import JobRepository
 from app.store.limit_sets import LimitSetRepository
 from app.store.monitor_sets import MonitorSetRepository
 from app.store.monitors import MonitorRepository
+from app.store.ownership import Ownership, Taken, owned
 from app.store.people import AuditRepository, TokenRepository
 from app.store.recordings import MappingRepository, MarkerRepository, RecordingRepository
 from app.store.repository import InUse, KeptPermanently, NotFound, Writer
@@ -46,6 +48,7 @@ class Store:
         shared = engine, self._writer
         self.engine = engine
         self.last_stop = LastStop(engine.url)
+        self.ownership: Ownership | None = None
         self._n_noted = -1
         self.datasets = DatasetRepository(*shared)
         self.monitors = MonitorRepository(*shared)
@@ -77,11 +80,15 @@ class Store:
     def recover(self) -> None:
         """Clean up after a process that died: mark its work interrupted, delete partial content.
 
-        If the database cannot be written now, this happens before the next write.
+        The work of another process that serves the database is left alone. If the database cannot
+        be written now, this happens before the next write.
         `app.recordings.files` cleans up recordings, whose content is in folders.
         """
         try:
-            self._recover()
+            with owned(self.engine.url):
+                self._recover()
+        except Taken as error:
+            LOG.warning("work in progress is left alone: %s", error)
         except StoreError as error:
             LOG.warning("the store is read-only for now: %s", error)
             self._writer.unfinished = self._recover
@@ -89,6 +96,16 @@ class Store:
     def _recover(self) -> None:
         for repository in (self.jobs, self.flights, self.monitors, self.datasets):
             repository.recover()
+
+    @contextmanager
+    def owned(self) -> Iterator[None]:
+        """Serve the database, alone. Taken if another process does."""
+        with owned(self.engine.url) as ownership:
+            self.ownership = self._writer.ownership = ownership
+            try:
+                yield
+            finally:
+                self.ownership = self._writer.ownership = None
 
     def revision(self) -> str:
         return str(current_revision(self.engine.url))
@@ -135,8 +152,8 @@ class Store:
 def open_store(url_or_path: str | Path, *, recover: bool = True) -> Store:
     """Open the store, creating it if missing and upgrading it if an older program made it.
 
-    recover: mark running work as interrupted and delete partial content. False to read a store
-    that another process is serving.
+    recover: mark running work as interrupted and delete partial content, unless another process
+    serves the database. False only to read.
     StoreError if it cannot be used; a database from a newer program is left unchanged.
     """
     url = address(url_or_path)
@@ -171,14 +188,21 @@ class StoreHealth:
         return self.fault
 
     async def repeat(self, is_needed: Callable[[], bool]) -> None:
-        """Check every CHECK_S while `is_needed()` or after a write; never returns."""
+        """Check every CHECK_S while `is_needed()` or after a write; never returns.
+
+        A database whose lock can be lost is checked always.
+        """
         while True:
             await asyncio.sleep(CHECK_S)
-            if is_needed() or self._store.has_written:
+            ownership = self._store.ownership
+            can_be_lost = ownership is not None and ownership.can_be_lost
+            if is_needed() or can_be_lost or self._store.has_written:
                 await self.check()
 
 
 def _fault_of(store: Store) -> str:
+    if store.ownership is not None and (fault := store.ownership.check()):
+        return fault
     try:
         store.jobs.all()
     except Exception:

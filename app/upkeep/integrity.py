@@ -10,11 +10,13 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Literal
 
-from app.recordings.files import RecordingFiles, digest_of
+from app.recordings.files import Elsewhere, RecordingFiles, digest_of
 from app.recordings.samples import open_samples, open_tiles
 from app.store.database import Damaged, Interrupted, check_pages
+from app.store.recordings import RecordingInfo
 from app.store.repository import Entry
 from app.store.store import NotFound, Store, StoreError
 
@@ -46,7 +48,7 @@ class Damage(Entry):
 
 @dataclass(frozen=True)
 class Item:
-    """A stored item; `check` raises StoreError or FileNotFoundError if it is damaged."""
+    """A stored item; `check` raises StoreError if it is damaged."""
 
     kind: Kind
     id: str
@@ -54,14 +56,13 @@ class Item:
     check: Callable[[], object]
 
     def damage(self) -> Damage | None:
-        """None if the item is intact or was deleted meanwhile."""
+        """None if the item is intact or was deleted meanwhile. Elsewhere."""
         try:
             self.check()
         except NotFound:
             return None
-        except FileNotFoundError as error:
-            missing = f"{error.filename} is missing: restore the data directory, or delete it"
-            return Damage(self.kind, self.id, self.name, missing)
+        except Elsewhere:
+            raise
         except StoreError as error:
             return Damage(self.kind, self.id, self.name, str(error))
         return None
@@ -103,7 +104,7 @@ def all_items(
         yield Item("monitor", monitor.id, monitor.name, partial(store.monitors.file, monitor.id))
     digest = partial(digest_of, rest=rest)
     for recording in store.recordings.all():
-        check = partial(files.check, recording.id, recording.digest, digest)
+        check = partial(_check_recording, files, recording, digest)
         yield Item("recording", recording.id, recording.name, check)
         for scoring_id in sorted(store.scorings.ids(recording.id)):
             check = partial(_check_scoring, store, files, recording.id, scoring_id, rest)
@@ -122,6 +123,13 @@ def _check_flight(
         unverified.add(flight_id)
 
 
+def _check_recording(
+    files: RecordingFiles, info: RecordingInfo, digest: Callable[[Path], str]
+) -> None:
+    with files.present(info.id):
+        files.check(info.id, info.digest, digest)
+
+
 def _check_scoring(
     store: Store,
     files: RecordingFiles,
@@ -131,8 +139,9 @@ def _check_scoring(
 ) -> None:
     info = store.scorings.info(recording_id, scoring_id)
     folder = files.scorings(recording_id)
-    open_samples(folder, scoring_id, info.digest, files.verified, rest)
-    open_tiles(folder, scoring_id, info.digest, files.verified)
+    with files.present(recording_id):
+        open_samples(folder, scoring_id, info.digest, files.verified, rest)
+        open_tiles(folder, scoring_id, info.digest, files.verified)
 
 
 class Integrity:
@@ -144,6 +153,7 @@ class Integrity:
         self.n_checked = 0
         self.unverified: set[str] = set()
         """ids of flights that were stored without digests"""
+        self._elsewhere: set[str] = set()
         self._pace = Pace()
         self._known_damage: dict[tuple[Kind, str, str], Damage] = {}
         self._thread = threading.Thread(target=self._run, name="integrity", daemon=True)
@@ -158,6 +168,12 @@ class Integrity:
             if not self._is_there(damage):
                 self._known_damage.pop(key, None)
         return list(self._known_damage.values())
+
+    def n_elsewhere(self) -> int:
+        """Number of recordings stored in another data directory, without those deleted since."""
+        if self._elsewhere:
+            self._elsewhere &= {info.id for info in self.store.recordings.all()}
+        return len(self._elsewhere)
 
     def start(self) -> None:
         self._thread.start()
@@ -175,8 +191,13 @@ class Integrity:
         self.n_checked = 0
         try:
             for item in all_items(self.store, self.files, self.unverified, pace.rest):
-                if (damage := item.damage()) is not None:
-                    self._note(damage)
+                try:
+                    if (damage := item.damage()) is not None:
+                        self._note(damage)
+                except Elsewhere as error:
+                    if item.kind == "recording":
+                        LOG.error("%s: %s", item.name, error)
+                        self._elsewhere.add(item.id)
                 self.n_checked += 1
                 pace.rest()
         except Damaged as error:

@@ -66,8 +66,8 @@ async function showDamage() {
   const element = part("#damage");
   clearTimeout(checking);
   try {
-    const [{ state: check, damaged, older }, { warning }] = await Promise.all([api.get("/integrity"), api.get("/storage/space").catch(() => ({ warning: "" }))]);
-    element.textContent = damageWords(damaged) || (older ? `◆ Data missing: ${older}.` : warning && `◆ Low disk space: ${warning}.`);
+    const [{ state: check, damaged, elsewhere, older }, { warning }] = await Promise.all([api.get("/integrity"), api.get("/storage/space").catch(() => ({ warning: "" }))]);
+    element.textContent = damageWords(damaged) || elsewhereWords(elsewhere) || (older ? `◆ Data missing: ${older}.` : warning && `◆ Low disk space: ${warning}.`);
     element.hidden = element.textContent === "";
     if (["begun", "checking"].includes(check)) checking = setTimeout(showDamage, CHECKED_EVERY);
   } catch {
@@ -79,6 +79,11 @@ function damageWords([first, ...others]) {
   if (!first) return "";
   const more = others.length ? ` And ${others.length} more: GET /api/v1/integrity lists them.` : "";
   return `◆ Damaged data, not served: ${first.kind} ${first.name}: ${first.detail}.${more}`;
+}
+
+function elsewhereWords(n) {
+  if (!n) return "";
+  return n === 1 ? "◆ 1 recording is stored in another data directory." : `◆ ${n} recordings are stored in another data directory.`;
 }
 
 const viewOf = (name) => (Object.hasOwn(VIEWS, name) ? VIEWS[name] : UNKNOWN);

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import httpx2
 
@@ -43,10 +43,10 @@ def reserved_port() -> Iterator[int]:
 
 
 @contextmanager
-def running(data_dir: Path, port: int = 0, max_jobs: int = 0) -> Iterator[Running]:
+def running(data_dir: Path, port: int = 0, max_jobs: int = 0, **others: Any) -> Iterator[Running]:
     """A server of this directory; killed at the end, if it still runs."""
     receiver, sender = PROCESSES.Pipe(duplex=False)
-    settings = Settings(data_dir=data_dir, port=port, max_jobs=max_jobs)
+    settings = Settings(data_dir=data_dir, port=port, max_jobs=max_jobs, **others)
     process = PROCESSES.Process(target=_serve, args=(settings, sender))
     process.start()
     sender.close()

@@ -82,13 +82,23 @@ def add_a_job(path: Path, reports: Connection) -> None:
     open_store(path).jobs.add("a", {})
 
 
+def serve_a_job(url: str, reports: Connection) -> None:
+    """Own a store in which a job runs, until killed."""
+    store = open_store(url)
+    with store.owned():
+        job = store.jobs.add("collect", {})
+        store.jobs.update(job, "running")
+        reports.send((job,))
+        signal.pause()
+
+
 def open_by_migrations(path: Path, reports: Connection, directory: Path) -> None:
     """Open a store as a program with these migrations does."""
     schema.migrations = lambda: directory
     open_store(path)
 
 
-def start(target: Any, path: Path, *arguments: Any) -> tuple[BaseProcess, Connection]:
+def start(target: Any, path: Path | str, *arguments: Any) -> tuple[BaseProcess, Connection]:
     """A process under way, and the end of the pipe where its reports come out."""
     reports, sender = PROCESSES.Pipe(duplex=False)
     process = PROCESSES.Process(target=target, args=(path, sender, *arguments))

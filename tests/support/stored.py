@@ -36,7 +36,7 @@ MAPPED = MappedColumns(
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[Store]:
+def opened(path: str | Path) -> Iterator[Store]:
     """A store that must be sound when it is closed."""
     store = open_store(path)
     yield store

@@ -15,7 +15,15 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "data of the crew" / "50 %" / "forewarn.db"
 
 
+@pytest.fixture(params=["sqlite", pytest.param("postgresql", marks=pytest.mark.services)])
+def url(request: pytest.FixtureRequest, path: Path) -> str:
+    """Of a database that is empty or not there yet, of each kind."""
+    if request.param == "sqlite":
+        return f"sqlite:///{path}"
+    return request.getfixturevalue("postgresql").new_database()
+
+
 @pytest.fixture
-def store(path: Path) -> Iterator[Store]:
-    with opened(path) as store:
+def store(url: str) -> Iterator[Store]:
+    with opened(url) as store:
         yield store

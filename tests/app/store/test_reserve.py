@@ -31,6 +31,7 @@ def short(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
     return now
 
 
+@pytest.mark.parametrize("url", ["sqlite"], indirect=True)
 def test_the_reserve_is_of_a_size_and_private(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -42,6 +43,7 @@ def test_the_reserve_is_of_a_size_and_private(
     assert path.stat().st_mode & 0o077 == 0
 
 
+@pytest.mark.parametrize("url", ["sqlite"], indirect=True)
 def test_a_deletion_on_a_short_disk_frees_the_reserve_and_makes_it_again(
     store: Store, trained: Monitor, short: Callable[[], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:

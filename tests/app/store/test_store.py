@@ -112,35 +112,35 @@ def test_a_job_that_has_ended_stays_as_it_ended(store: Store) -> None:
 
 
 def test_everything_is_there_after_opening_again(
-    path: Path, dataset: Dataset, trained: Monitor
+    url: str, dataset: Dataset, trained: Monitor
 ) -> None:
-    with_all = open_store(path)
+    with_all = open_store(url)
     dataset_id = with_all.datasets.add(dataset, "d").id
     monitor = with_all.monitors.add(trained, "m", dataset_id)
     flight = with_all.flights.add({"kind": "replay"}, monitor.id, 0.2)
     append(with_all, flight, 0, 1500)
     with_all.close()
-    again = open_store(f"sqlite:///{path}")
+    again = open_store(url)
     assert again.datasets.get(dataset_id).digest() == dataset.digest()
     assert isinstance(again.monitors.info(monitor.id), MonitorInfo)
     assert_says_its_number(again.flights.assessments(flight), np.arange(1500))
     again.close()
 
 
-def test_work_under_way_is_interrupted_when_the_store_opens(path: Path, trained: Monitor) -> None:
-    dying = open_store(path)
+def test_work_under_way_is_interrupted_when_the_store_opens(url: str, trained: Monitor) -> None:
+    dying = open_store(url)
     running, queued, done = (dying.jobs.add(kind, {}) for kind in ("a", "b", "c"))
     dying.jobs.update(running, "running")
     finished = dying.jobs.update(done, "done")
     flight = flown(dying, trained)
     before = dying.jobs.info(running)
 
-    looking = open_store(path, recover=False)
+    looking = open_store(url, recover=False)
     assert looking.jobs.info(running).status == "running"
     assert looking.flights.info(flight).status == "running"
     assert looking.flights.info(flight).lost == 0
 
-    again = open_store(path)
+    again = open_store(url)
     assert [again.jobs.info(job).status for job in (running, queued)] == ["interrupted"] * 2
     assert again.jobs.info(done) == finished
     assert again.flights.info(flight).status == "interrupted"
@@ -174,6 +174,7 @@ def test_errors_keep_a_password_to_themselves(tmp_path: Path) -> None:
     assert "secret" not in str(address("postgresql://crew:secret@host/forewarn"))
 
 
+@pytest.mark.parametrize("url", ["sqlite"], indirect=True)
 def test_a_full_disk_is_said_and_leaves_nothing(store: Store, dataset: Dataset) -> None:
     with store.engine.connect() as connection:
         pages = connection.exec_driver_sql("PRAGMA page_count").scalar_one()

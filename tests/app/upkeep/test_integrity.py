@@ -147,6 +147,19 @@ def test_what_is_missing_is_damaged(kept: Kept, store: Store) -> None:
     assert "is missing" in checked(store, kept).damaged()[0].detail
 
 
+def test_a_folder_that_lies_elsewhere_is_no_damage(kept: Kept, store: Store) -> None:
+    other = Integrity(store, RecordingFiles(kept.data_dir / "another"))
+    other.check_all()
+    assert (other.damaged(), other.n_elsewhere(), other.n_checked) == ([], 1, len(WHOLE))
+    kept.folder.rename(kept.data_dir / "moved")
+    with api(kept.data_dir) as client:
+        detail = problem(client.get(f"{RECORDINGS}/{kept.recording}"), 503)
+        assert "another data directory" in detail
+        assert "delete" not in detail
+        assert client.delete(f"{RECORDINGS}/{kept.recording}").status_code == 204
+    assert other.n_elsewhere() == 0
+
+
 def test_what_was_deleted_since_is_damaged_no_more(kept: Kept, store: Store) -> None:
     spoil_rows(store, dataset_blocks)
     known = checked(store, kept)
@@ -190,7 +203,9 @@ def test_a_server_says_what_it_finds_damaged(kept: Kept, monkeypatch: pytest.Mon
     monkeypatch.setattr(integrity, "BEGIN_AFTER_S", 0.0)
     flip(kept.folder / "file")
     with api(kept.data_dir) as client:
-        (item,) = ended(client)["damaged"]
+        answer = ended(client)
+        (item,) = answer["damaged"]
+        assert answer["elsewhere"] == 0
         assert (item["kind"], item["id"]) == ("recording", kept.recording)
         ready = client.get("/readyz")
         assert (ready.status_code, len(ready.json()["damaged"])) == (200, 1)

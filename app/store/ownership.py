@@ -1,0 +1,178 @@
+"""Who serves a database: one process, by a lock that ends with it.
+
+SQLite: a file beside the database. PostgreSQL: a session's advisory lock, on a connection that does
+nothing else; who loses the connection has lost the database until the lock is held again.
+"""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from errno import EACCES
+from pathlib import Path
+from threading import RLock
+
+from filelock import FileLock, Timeout
+from sqlalchemy import URL, Connection, create_engine, text
+from sqlalchemy.exc import DBAPIError
+from sqlalchemy.pool import NullPool
+
+from app.store.database import StoreError, file_of, reason_of
+
+OWNER_KEY = 0x666F7265
+"""Number of the advisory lock of the process that serves."""
+ANSWERS_S = 10
+"""[s] A peer that is silent for some times this is gone."""
+_OWNED: dict[URL, "Ownership"] = {}
+_TURN = RLock()
+
+
+class Taken(StoreError):
+    """Another process serves the database."""
+
+
+class FileHold:
+    """A lock file. locked: what it protects.   option: chooses another one."""
+
+    def __init__(self, locked: Path, path: Path, option: str) -> None:
+        self._locked, self._option = locked, option
+        self._lock = FileLock(path, timeout=0, mode=0o600, thread_local=False)
+        self._path = path
+
+    def take(self) -> None:
+        """Taken; StoreError where it cannot be written."""
+        try:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            if not os.access(self._path.parent, os.W_OK):
+                raise PermissionError(EACCES, os.strerror(EACCES))
+            self._lock.acquire()
+        except Timeout:
+            raise _taken(str(self._locked), self._option) from None
+        except OSError as error:
+            raise StoreError(
+                f"{self._locked} is not writable ({error.strerror}): choose another one with "
+                f"{self._option}"
+            ) from error
+
+    def release(self) -> None:
+        self._lock.release()
+
+
+class SessionHold:
+    """An advisory lock of PostgreSQL, held by a connection of its own."""
+
+    def __init__(self, url: URL) -> None:
+        self._place = url.render_as_string(hide_password=True)
+        silent = {"keepalives_idle": ANSWERS_S, "keepalives_interval": ANSWERS_S}
+        self._engine = create_engine(
+            url,
+            poolclass=NullPool,
+            isolation_level="AUTOCOMMIT",
+            connect_args=silent | {"connect_timeout": ANSWERS_S},
+        )
+        self._connection: Connection | None = None
+
+    def take(self) -> None:
+        """Taken; StoreError where the database cannot be reached."""
+        try:
+            connection = self._connection = self._engine.connect()
+            # the database frees the lock of a machine that is gone
+            for name in ("tcp_keepalives_idle", "tcp_keepalives_interval"):
+                connection.execute(text(f"SET {name} = {ANSWERS_S}"))
+            lock = text(f"SELECT pg_try_advisory_lock({OWNER_KEY})")
+            is_held = connection.execute(lock).scalar_one()
+        except DBAPIError as error:
+            self.release()
+            raise StoreError(
+                f"{self._place} cannot be opened ({reason_of(error)}): check that the database "
+                "runs and accepts this user"
+            ) from error
+        if not is_held:
+            self.release()
+            raise _taken(self._place, "--database-url")
+
+    def regain(self) -> str:
+        """Take the lock again if the connection no longer answers; one sentence if it is lost."""
+        try:
+            if self._connection is not None:
+                self._connection.execute(text("SELECT 1"))
+                return ""
+        except DBAPIError:
+            self.release()
+        try:
+            self.take()
+        except StoreError as error:
+            return f"this server has lost its database: {error}"
+        return ""
+
+    def release(self) -> None:
+        connection, self._connection = self._connection, None
+        if connection is not None:
+            connection.invalidate()  # close it, even if it does not answer
+            connection.close()
+
+
+def _taken(place: str, option: str) -> Taken:
+    return Taken(f"another forewarn serves {place}: stop it, or choose another one with {option}")
+
+
+class Ownership:
+    """Of a database that this process serves.
+
+    fault: one sentence while the lock is lost, as of the newest check; empty while it is held.
+    """
+
+    def __init__(self, url: URL) -> None:
+        database = file_of(url)
+        self._hold = SessionHold(url) if database is None else _beside(database)
+        self.n_users = 0
+        self.fault = ""
+
+    @property
+    def can_be_lost(self) -> bool:
+        return isinstance(self._hold, SessionHold)
+
+    def take(self) -> None:
+        self._hold.take()
+
+    def release(self) -> None:
+        self._hold.release()
+
+    def check(self) -> str:
+        """Take a lost lock again; return the fault."""
+        hold = self._hold
+        if isinstance(hold, SessionHold):
+            with _TURN:
+                self.fault = hold.regain() if self.n_users else ""
+        return self.fault
+
+
+def _beside(database: Path) -> FileHold:
+    return FileHold(database, database.with_name(f"{database.name}.lock"), "--database-url")
+
+
+@contextmanager
+def owned(url: URL, *, first: bool = False) -> Iterator[Ownership]:
+    """Own a database; several times at once in one process.
+
+    Taken if another process owns it, with `first` also if this one does; StoreError where the lock
+    cannot be written or reached.
+    """
+    database = file_of(url)
+    key = url if database is None else url.set(database=str(database))
+    with _TURN:
+        ownership = _OWNED.get(key)
+        if ownership is None:
+            ownership = Ownership(url)
+            ownership.take()
+            _OWNED[key] = ownership
+        elif first:
+            raise _taken(key.render_as_string(hide_password=True), "--database-url")
+        ownership.n_users += 1
+    try:
+        yield ownership
+    finally:
+        with _TURN:
+            ownership.n_users -= 1
+            if not ownership.n_users:
+                del _OWNED[key]
+                ownership.release()
