@@ -35,7 +35,7 @@ class DisplayMonitor(NamedTuple):
     epsilon: float
 
 
-def check_limits(monitor_id: str, monitor: Monitor) -> None:
+def check_has_limits(monitor_id: str, monitor: Monitor) -> None:
     if monitor.specification is None:
         raise LimitsUnknown(
             f"monitor {monitor_id} does not contain the limits it was trained for, so exceedances "
@@ -46,7 +46,7 @@ def check_limits(monitor_id: str, monitor: Monitor) -> None:
 def check_alike(authority: Monitor, display: Sequence[DisplayMonitor]) -> None:
     """SourceError for monitors that cannot assess the same flight; LimitsUnknown."""
     for shown in display:
-        check_limits(shown.id, shown.monitor)
+        check_has_limits(shown.id, shown.monitor)
         if other := _unlike(authority, shown.monitor):
             raise SourceError(
                 f"monitor {shown.name} ({shown.id}) has {other} than the alarm authority: choose "

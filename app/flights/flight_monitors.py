@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from app.assessment.monitors_in_use import MonitorsInUse
-from app.flights.display_monitors import DisplayMonitor, check_limits
+from app.flights.display_monitors import DisplayMonitor, check_has_limits
 from app.messages import MonitorSetStatus, SetCondition
 from app.store.flights import FlightInfo
 from app.store.monitor_sets import MonitorSetInfo
@@ -21,7 +21,7 @@ def monitors_in_use(
     cases = []
     for case in info.cases:
         monitor = store.monitors.get(case.monitor)
-        check_limits(case.monitor, monitor)
+        check_has_limits(case.monitor, monitor)
         cases.append(MonitorCase(case.name, case.ranges, monitor))
     ids = tuple(case.monitor for case in info.cases)
     names = tuple(case.monitor_name for case in info.cases)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from app.assessment.limits_in_force import RequestedLimits
 from app.assessment.monitors_in_use import MonitorsInUse, MonitorsRule
-from app.flights.display_monitors import DisplayMonitor, check_alike, check_limits
+from app.flights.display_monitors import DisplayMonitor, check_alike, check_has_limits
 from app.flights.flight import FlightPlan
 from app.flights.flight_limits import change_of_limits
 from app.flights.flight_monitors import member, members, monitors_in_use
@@ -174,7 +174,7 @@ class Preparation:
     def _monitor(self, monitor_id: str) -> Monitor:
         """The monitor of a flight. NotFound; LimitsUnknown."""
         monitor = self._store.monitors.get(monitor_id)
-        check_limits(monitor_id, monitor)
+        check_has_limits(monitor_id, monitor)
         return monitor
 
     def _display(

@@ -143,6 +143,8 @@ def _number(end: str, shared: str, known: Channel, text: str) -> float | None:
             f"{text!r}: write it as {known.key}=LOW..HIGH, such as {known.key}=-1..4"
         )
     number, unit = np.array([float(match[1])]), match[2] or shared
+    if not np.isfinite(number[0]):
+        raise TelemetryError(f"{text!r}: {match[1]} is too large: leave a side without limit empty")
     if not unit and known.largest is not None and abs(number[0]) > known.largest:
         raise TelemetryError(
             f"{text!r}: {match[1]} {known.unit} is more than any aircraft reaches, "

@@ -29,7 +29,7 @@ from core.channels import Channel, Dictionary, channel, known_channels
 from core.rollouts import FlownManoeuvre
 from core.types import Array, Indices
 
-TIMES = ("t", "time", "t_s", "time_s")
+TIMES = ("t", "time")
 FLIGHTS = ("flight", "run", "rollout", "flight_id", "run_id")
 LABELS = ("unsafe", "fail", "failed", "failure")
 INDEX = re.compile(r"__index_level_\d+__|Unnamed: 0|column_1")
@@ -251,9 +251,11 @@ def _table(columns: Columns, wanted: _Wanted) -> dict[str, Signal]:
     if len({signal.group for signal in signals}) != 1:
         raise TelemetryError(f"{wanted.name} has several tables: give one for each flight")
     keys = [without_unit(signal.name) for signal in signals]
-    if wanted.dictionary is not None:
-        return dict(zip(keys, signals, strict=True))
-    named = _without_suffixes(keys, [signal.unit for signal in signals])
+    units = [signal.unit for signal in signals]
+    if wanted.dictionary is None:
+        named = _without_suffixes(keys, units)
+    else:
+        named = map(_time_without_suffix, keys, units)
     return {
         key: replace(signal, unit=unit) for (key, unit), signal in zip(named, signals, strict=True)
     }
@@ -354,6 +356,14 @@ def _without_suffix(key: str, unit: str) -> tuple[str, str]:
         return key, unit
     for stem, suffix in unit_suffixes(key):
         if fits(suffix, known[stem].unit) if stem in known else suffix.lower() in SUFFIXES:
+            return stem, suffix
+    return _time_without_suffix(key, unit)
+
+
+def _time_without_suffix(key: str, unit: str) -> tuple[str, str]:
+    """t_ms without a unit is t in ms; other names stay."""
+    for stem, suffix in () if unit else unit_suffixes(key):
+        if stem.lower() in TIMES and fits(suffix, "s"):
             return stem, suffix
     return key, unit
 

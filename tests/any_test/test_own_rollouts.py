@@ -73,6 +73,19 @@ def test_times_without_a_unit_are_read_as_those_of_recordings_are(
     assert "read as ms, one sample every 0.05 s" in finding
 
 
+@pytest.mark.parametrize("given", [None, (DICTIONARY, {})])
+def test_a_time_is_read_in_the_unit_that_its_name_ends_in(
+    given: GivenDictionary | None, tmp_path: Path
+) -> None:
+    source = as_long_csv(tmp_path, flights())
+    frame = pd.read_csv(source)
+    frame["t [s]"] *= 1e3
+    frame.rename(columns={"t [s]": "time_ms"}).to_csv(source, index=False)
+    read = read_rollouts(source, given)
+    assert read.dt == pytest.approx(DT)
+    assert "time_ms" not in read.dictionary.keys
+
+
 def as_pandas_csv(folder: Path, frame: pd.DataFrame) -> Path:
     frame.to_csv(folder / "pandas.csv")
     return folder / "pandas.csv"
@@ -324,6 +337,7 @@ def test_a_method_that_is_asked_for_is_used(
         ([], "neither fail_index nor limits"),
         (["--limit", "Nz=-9..20"], "0 of 1600 flights fail"),
         (["--limit", "Nz=..38g"], "values beyond 30 g"),
+        (["--limit", "Nz=-1..1e400"], "1e400 is too large"),
         (["--limit", "Nz=-30..2.9g"], "the limit Nz -30 g"),
         (["--limit", "Nz=..38g for 0.2 s"], "the limit Nz 38 g"),
         (["--limit", "Nz=-1.1..2.9", "--epsilon", "0.001"], "no method can be trained"),

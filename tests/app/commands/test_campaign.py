@@ -7,11 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from app.campaigns import clearing
 from app.campaigns.campaign import load
 from app.campaigns.point import FlownPoint
 from app.cli import main
 from app.commands import campaign as command
 from app.commands.sample_flight import table
+from core.clearance.with_monitor import WithMonitor
 from core.planned_test.planned_test import DatasetRecipe, LateralSimulator
 from core.recipe import from_plain
 
@@ -202,6 +204,23 @@ def test_a_refused_point_gets_a_smaller_step(
     assert f"Proposed: fly {step.name}" in campaign.with_suffix(".html").read_text(encoding="utf-8")
     assert run(campaign, "smaller", *by) == 0
     assert load(campaign).next.point.name == step.name
+
+
+def test_a_clearance_is_computed_with_the_monitor_of_its_point(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    risks = np.full(120, 0.3)
+    monkeypatch.setattr(clearing, "with_monitor", lambda rule, _: WithMonitor(rule.recipe, risks))
+    campaign, by = tmp_path / "campaign.json", ("--by", "Ann")
+    plan = ("--name", "Rudder", "--steps", "0.6", "1")
+    wider = [word.replace("0.3g", "0.305g") for word in TEST]
+    assert run(campaign, "new", *plan, *wider, *NOISE, "--n-exceeding", "60", *QUICK[2:]) == 0
+    assert run(campaign, "fly", recorded(campaign), *by) == 0
+    run(campaign, "clear", *by, "--with-monitor")
+    known = load(campaign).next.point.clearing
+    assert known is not None
+    assert known.monitor is not None
+    assert f"ε = {known.recipe.epsilon:.2g}" in capsys.readouterr().out
 
 
 def test_a_campaign_is_never_overwritten(
