@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import AsyncIterator, Iterator
 from contextlib import AsyncExitStack, asynccontextmanager
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from app.flights.flights import Flights
 from app.flights.sources.udp import UdpAccess
 from app.flights.watcher import FrameTicks
 from app.http.document import TAGS, describe_arrays, describe_examples, describe_names
+from app.http.events import Changes
 from app.http.idempotency import Idempotent, describe_keys
 from app.http.metrics import Measured, Metrics
 from app.http.problems import describe_problems, install_problems
@@ -138,6 +140,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.people = People(settings.token)
     app.state.sessions = Sessions(settings.session_seconds)
     app.state.audit = Audit()
+    app.state.changes = Changes()
     install_problems(app, REFUSALS)
     _serve_docs(app)
     if STATIC.is_dir():
@@ -192,6 +195,10 @@ async def _parts(app: FastAPI) -> AsyncIterator[None]:
         await asyncio.to_thread(store.start)
         parts.callback(store.stop)
         await asyncio.to_thread(store.reserve.make)
+        changes = app.state.changes
+        for repository in (store.flights, store.alarms):
+            repository.on_change = partial(changes.note, "flights")
+        store.campaigns.on_change = partial(changes.note, "campaigns")
         await parts.enter_async_context(app.state.people.open(store))
         await parts.enter_async_context(app.state.audit.open(store))
         store_health = app.state.store_health = StoreHealth(store)
@@ -219,6 +226,7 @@ async def _parts(app: FastAPI) -> AsyncIterator[None]:
                 settings.udp_key or "",
                 settings.token is not None,
             ),
+            on_change=partial(changes.note, "flights_in_progress"),
         )
         app.state.frame_ticks = FrameTicks(MonotonicClock())
         await parts.enter_async_context(live_flights)

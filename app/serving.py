@@ -79,6 +79,7 @@ class Server(uvicorn.Server):
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Stop. Clients that have not read their answer after PATIENCE are dropped."""
+        self.app.state.changes.close()
         dropping = asyncio.get_running_loop().call_later(PATIENCE, self._drop_connections)
         await super().shutdown(sockets)
         dropping.cancel()

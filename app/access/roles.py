@@ -23,6 +23,7 @@ READABLE = (
     "catalog",
     "datasets",
     "demonstration",
+    "events",
     "flights",
     "integrity",
     "jobs",

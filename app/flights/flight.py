@@ -153,6 +153,7 @@ class Flight(ABC):
     or passed by a seek [s]; None for none.   verdict: how the flight was warned of it.
     manoeuvres: plain, of a scored recording.   _late: why the source is late; empty if it is not.
     _is_waiting: whether it waits at its start for a first viewer.
+    on_change: called when its headline, verdict or state changes, and when it is over.
     """
 
     dt: float
@@ -164,6 +165,7 @@ class Flight(ABC):
     manoeuvres: Sequence[Mapping[str, Any]] | None = None
     _is_waiting = False
     no_plan: str = "a live flight has no planned flight to the same times"
+    on_change: Callable[[], object] = staticmethod(lambda: None)
 
     def __init__(
         self,
@@ -766,6 +768,7 @@ class Flight(ABC):
         if now != self._sent:
             self._sent = now
             self._broadcast(StatusChange(**now).encode())
+            self.on_change()
 
     @property
     def _current(self) -> dict[str, Any]:
@@ -787,6 +790,7 @@ class Flight(ABC):
         if (state, reason) != (self.state, self.reason):
             self.state, self.reason, self.cause = state, reason, cause
             self._broadcast(StateChange(state=state, reason=reason, cause=cause).encode())
+            self.on_change()
 
     # --- time and end -------------------------------------------------------------------------
 
@@ -833,6 +837,7 @@ class Flight(ABC):
             self._stop_timer(name)
         for watcher in self._watchers:
             watcher.end(End(reason=reason).encode())
+        self.on_change()
 
     def _end(self, status: str, reason: str) -> None:
         self._halt(reason)

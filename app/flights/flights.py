@@ -67,7 +67,10 @@ class _Ending:
 
 
 class Flights:
-    """The flights of a server; leaving the context stops and records every flight."""
+    """The flights of a server; leaving the context stops and records every flight.
+
+    on_change: called when a list of the flights in progress changes.
+    """
 
     def __init__(
         self,
@@ -79,8 +82,10 @@ class Flights:
         store_health: StoreHealth | None = None,
         journals: Journals | None = None,
         udp: UdpAccess = HERE_ALONE,
+        on_change: Callable[[], object] = lambda: None,
     ) -> None:
         self._store_health, self._journals = store_health, journals
+        self._on_change = on_change
         self.store, self.max_flights = store, max_flights
         self.preparation = Preparation(store, scored, journals, udp)
         self._scenes, self._clock = scenes, clock or MonotonicClock()
@@ -332,6 +337,7 @@ class Flights:
             await self._summarize([flight_id])
             self._lost_before += flight.recorder.lost
             del self._flights[flight_id], self._endings[flight_id]
+            self._on_change()
             if isinstance(flight, LiveFlight) and ending.status != INTERRUPTED:
                 self._make_recording(flight_id)
 
@@ -414,10 +420,12 @@ class Flights:
             when_over = self._when_over(plan.id)
             flight = make(plan, source, recorder, self._clock, when_over, scene)
             self._flights[plan.id] = flight
+            flight.on_change = self._on_change
             if begin is None:
                 flight.start()
             else:
                 await begin(flight)
+            self._on_change()
         except BaseException:
             self._flights.pop(plan.id, None)
             await asyncio.to_thread(self.store.flights.end, plan.id, "failed")

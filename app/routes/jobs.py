@@ -11,6 +11,7 @@ from fastapi.sse import format_sse_event
 
 from app import json_codec
 from app.catalog import study_request_schema, sweep_request_schema
+from app.http.events import event_stream, events_of
 from app.http.problems import Problem, problem_responses
 from app.jobs.jobs import STOPPED, Jobs, Result
 from app.jobs.kinds import compare_methods as run_study
@@ -123,22 +124,7 @@ def cancel_job(job_id: str, jobs: JobsDep) -> JobInfo:
     return as_sent(jobs.info(job_id))
 
 
-EVENT = {
-    "type": "object",
-    "description": "a server-sent event",
-    "properties": {
-        "data": {"type": "string", "contentMediaType": "application/json"},
-        "id": {"type": "string", "description": "`end` for the last event"},
-    },
-    "required": ["data"],
-}
-EVENTS: dict[int | str, dict[str, Any]] = {
-    200: {
-        "description": "events; the data of each is a Job",
-        "content": {"text/event-stream": {"schema": EVENT}},
-    },
-    204: {"description": "the stream has ended: do not reconnect"},
-}
+EVENTS = events_of("a Job", {204: {"description": "the stream has ended: do not reconnect"}})
 
 
 @router.get("/jobs/{job_id}/events", responses=EVENTS, response_class=StreamingResponse)
@@ -156,10 +142,7 @@ def stream_job(
     if last_event_id == LAST_EVENT:
         return Response(status_code=204)
     jobs.info(job_id)
-    headers = {"X-Accel-Buffering": "no"}
-    if request.method == "HEAD":
-        return Response(None, 200, headers, "text/event-stream")
-    return StreamingResponse(_events(job_id, jobs), 200, headers, "text/event-stream")
+    return event_stream(request, _events(job_id, jobs))
 
 
 async def _events(job_id: str, jobs: JobsDep) -> AsyncIterator[bytes]:

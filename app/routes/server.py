@@ -1,14 +1,19 @@
 """The server itself: health, integrity, metrics, storage, and its demonstration."""
 
 import asyncio
+import json
+from collections.abc import AsyncIterator
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Request, Response
+from fastapi.responses import StreamingResponse
+from fastapi.sse import format_sse_event
 from pydantic import BaseModel, Field
 from starlette.datastructures import State as AppState
 
 from app.demonstration import Demonstration, DemonstrationProgress
 from app.flights.flights import Flights
+from app.http.events import Changes, event_stream, events_of
 from app.http.metrics import CONTENT_TYPE
 from app.http.problems import Problem
 from app.routes.dependencies import (
@@ -25,6 +30,7 @@ from core import __version__
 from core.counted import counted
 
 router = APIRouter()
+ChangesDep = Annotated[Changes, part("changes")]
 MOST_DAMAGED = 20
 """Largest number of damaged items in a readiness response."""
 
@@ -115,6 +121,26 @@ async def integrity(request: Request) -> IntegrityReport:
 
 async def _damaged(state: AppState) -> list[Damage]:
     return await asyncio.to_thread(state.integrity.damaged) if state.integrity.n_damaged else []
+
+
+@router.get(
+    "/api/v1/events",
+    tags=["health"],
+    responses=events_of("an object of numbers", {}),
+    response_class=StreamingResponse,
+)
+async def stream_changes(request: Request, changes: ChangesDep) -> Response:
+    """Server-sent events: a number for each list, now, at each change, and at least every 2 s.
+
+    A list changed if its number is another one: `flights_in_progress`, also with a headline or
+    state; `flights`, the stored ones; `campaigns`.
+    """
+    return event_stream(request, _revisions(changes))
+
+
+async def _revisions(changes: Changes) -> AsyncIterator[bytes]:
+    async for revisions in changes.watch():
+        yield format_sse_event(data_str=json.dumps(revisions))
 
 
 @router.get(

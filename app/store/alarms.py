@@ -35,6 +35,7 @@ class AlarmRepository(Repository):
             row = connection.execute(_ALARMS.where(numbered)).one_or_none()
         if row is None:
             raise NotFound(f"flight {flight_id} has no alarm {number}")
+        self.on_change()
         return _alarm(row._mapping)
 
     def of(self, flight_id: str) -> list[Alarm]:

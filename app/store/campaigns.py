@@ -37,6 +37,7 @@ class CampaignRepository(Entries[StoredCampaign]):
         row |= {"name": name, "content": content}
         with self._writing() as connection:
             connection.execute(insert(campaigns).values(**row))
+        self.on_change()
         return StoredCampaign(**row)
 
     def all(self) -> list[StoredCampaign]:
@@ -57,9 +58,11 @@ class CampaignRepository(Entries[StoredCampaign]):
                     f"the campaign {before.name!r} was changed by another person: reload it, then "
                     "repeat your change"
                 )
+        self.on_change()
         return self.info(before.id)
 
     def delete(self, campaign_id: str) -> None:
         with self._writing() as connection:
             require(connection, campaigns, campaign_id)
             connection.execute(delete(campaigns).where(campaigns.c.id == campaign_id))
+        self.on_change()

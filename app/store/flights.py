@@ -163,6 +163,7 @@ class FlightRepository(Entries[FlightInfo]):
                 row = {"flight_id": flight_id, "position": position}
                 row |= {"monitor_id": display_id, "epsilon": display_epsilon}
                 connection.execute(insert(display_monitors).values(**row))
+        self.on_change()
         return flight_id
 
     def display(self, flight_ids: Iterable[str]) -> dict[str, list[tuple[str, float]]]:
@@ -195,7 +196,9 @@ class FlightRepository(Entries[FlightInfo]):
             ending = {"status": status, "ended": now(), "exceeded_t": exceeded_t}
             ending |= {"exceedances": exceedances, "limits_held": limits_held}
             connection.execute(update(flights).where(running).values(**ending))
-            return self._fetch(connection, flight_id)
+            over = self._fetch(connection, flight_id)
+        self.on_change()
+        return over
 
     def without_summary(self) -> list[str]:
         """Ids of the ended flights without a summary of this version, newest first."""
@@ -217,6 +220,7 @@ class FlightRepository(Entries[FlightInfo]):
         if rows:
             with self._writing() as connection:
                 connection.execute(noted, rows)
+            self.on_change()
 
     def resume(self, flight_id: str, head: int) -> None:
         """Continue an interrupted flight after sample `head`; other flights are left unchanged.
@@ -228,6 +232,7 @@ class FlightRepository(Entries[FlightInfo]):
             running = {"status": "running", "ended": None, "summary": None}
             if connection.execute(update(flights).where(interrupted).values(**running)).rowcount:
                 _cut(connection, flight_id, head)
+        self.on_change()
 
     def delete(self, flight_id: str) -> None:
         """Delete an ended flight with its assessments, alarms and markers.
@@ -244,6 +249,7 @@ class FlightRepository(Entries[FlightInfo]):
                 )
             check_deletable(connection, flights, flight_id)
             connection.execute(delete(flights).where(flights.c.id == flight_id))
+        self.on_change()
 
     def append(
         self,

@@ -111,11 +111,13 @@ class Repository:
     """Rows of one table family; usable from any thread.
 
     Methods that take an id raise NotFound if nothing has it.   writer: shared per engine.
+    on_change: called, in any thread, after a change of what lists show of flights or campaigns.
     """
 
     def __init__(self, engine: Engine, writer: Writer) -> None:
         self._engine = engine
         self._writer = writer
+        self.on_change: Callable[[], object] = lambda: None
 
     def _reading(self) -> AbstractContextManager[Connection]:
         return reading(self._engine)

@@ -199,6 +199,7 @@ def test_a_page_follows_what_others_decide_and_says_when_it_cannot_know(
     expect(told).to_be_visible()
     pattern = f"**/api/v1/campaigns/{campaign.id}"
     page.route(pattern, lambda _: None)  # a server that hangs
+    campaign.ask("POST", f"/campaigns/{campaign.id}/hold", {"point": "50%", "by": "Ben"})
     expect(page.get_by_role("alert").filter(has_text="no answer for")).to_be_visible()
     expect(page.locator(".page[data-lost]")).to_have_count(1)
     page.unroute(pattern)

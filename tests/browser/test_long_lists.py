@@ -64,3 +64,43 @@ def test_the_recordings_page_shows_the_newest_and_finds_the_others(page: Page, s
     expect(rows).to_contain_text("run_1234.csv")
     page.get_by_role("searchbox", name="Search recordings").fill("nothing")
     expect(page.get_by_text("No recording found")).to_be_visible()
+
+
+HIDE = """(hidden) => {
+  Object.defineProperty(document, "hidden", { value: hidden, configurable: true });
+  document.dispatchEvent(new Event("visibilitychange"));
+}"""
+
+
+def test_a_hidden_page_frees_its_connection_and_is_up_to_date_when_shown(
+    own_page: Page, site: Site
+) -> None:
+    page = own_page
+    page.goto(f"{site.http}/#/fly")
+    row = page.locator(".flight-row").first
+    expect(row).to_contain_text("point 64")
+    with page.expect_event("requestfailed", lambda request: request.url.endswith("/api/v1/events")):
+        page.evaluate(HIDE, True)
+    source = {"kind": "simulated", "name": "flown meanwhile"}
+    (monitor,) = site.store.monitors.all()
+    site.store.flights.end(site.store.flights.add(source, monitor.id, 0.3))
+    expect(row).to_contain_text("point 64")
+    page.evaluate(HIDE, False)
+    expect(row).to_contain_text("flown meanwhile")
+    expect(page.get_by_text("Display is stale")).to_be_hidden()
+
+
+def test_a_list_is_marked_at_once_when_its_server_is_gone_until_it_answers_again(
+    own_page: Page, site: Site, allowed_errors: list[str]
+) -> None:
+    allowed_errors += ["ERR_CONNECTION_REFUSED", "ERR_INCOMPLETE_CHUNKED_ENCODING"]
+    page = own_page
+    page.goto(f"{site.http}/#/fly")
+    expect(page.locator(".flight-row")).to_have_count(30)
+    site.stop()
+    expect(page.get_by_text("Display is stale: no answer")).to_contain_text("connection lost")
+    expect(page.locator(".panel[data-lost]")).to_have_count(1)
+    expect(page).to_have_title("◆ OUT OF DATE – Fly – Forewarn")
+    site.start_again()
+    expect(page.get_by_text("Display is stale")).to_be_hidden()
+    expect(page).to_have_title("Fly – Forewarn")

@@ -38,9 +38,10 @@ function showCampaigns(element, { api, navigate }) {
     const page = pageOf("Campaigns", [planning()], content, fileChoice(api, navigate));
     const shown = JSON.stringify(campaigns);
     keep(
-      watching(page, async () => {
-        if (JSON.stringify(await api.get("/campaigns")) !== shown) again();
-        return "";
+      watching(page, {
+        campaigns: async () => {
+          if (JSON.stringify(await api.get("/campaigns")) !== shown) again();
+        },
       }),
     );
     return page;

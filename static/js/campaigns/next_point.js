@@ -1,7 +1,8 @@
 /**
  * The next point of a campaign: its state, clearance, checklist and actions.
  *
- * running: its running job, if any.   again(): reloads the campaign.   isIdle(): nothing is typed or running
+ * running: its running job, if any.   again(): reloads the campaign
+ * isIdle()     nothing is typed or running;   acted() -> Promise     the newest decision is answered
  */
 
 import { checkbox, fold, group, labelled, select, textInput } from "../forms/controls.js";
@@ -21,11 +22,12 @@ export function nextPoint({ api, path, campaign, running, again }) {
   const point = campaign.points.find(({ name }) => name === campaign.next);
   if (!point) {
     const element = h("section.panel", h("h2", "Every point is complete or aborted"));
-    return { element, isIdle: () => true, close: () => {} };
+    return { element, isIdle: () => true, acted: async () => {}, close: () => {} };
   }
   const { name, state, clearing, monitor } = point;
   const { is_first: isFirst, smaller_step: step } = campaign;
   let progress = null;
+  let acting = Promise.resolve();
   const failure = errorLine();
   const signed = () => remember(NAME_KEY, by.value.trim());
   const by = textInput({ maxlength: 200, value: remembered(NAME_KEY) ?? "", onchange: signed });
@@ -71,7 +73,7 @@ export function nextPoint({ api, path, campaign, running, again }) {
   );
   follow();
   if (running) show(running);
-  return { element, isIdle, close: () => progress?.close() };
+  return { element, isIdle, acted: () => acting, close: () => progress?.close() };
 
   function isIdle() {
     const isTyping = element.contains(document.activeElement?.closest("input, select"));
@@ -91,8 +93,9 @@ export function nextPoint({ api, path, campaign, running, again }) {
     return false;
   }
 
-  async function act(action, more = {}) {
-    if (await post(action, { why: why.value.trim(), ...more })) again();
+  function act(action, more = {}) {
+    acting = post(action, { why: why.value.trim(), ...more }).then((answer) => answer && again());
+    return acting;
   }
 
   async function work(kind, more) {

@@ -62,13 +62,15 @@ export function showCampaign(element, { id, api, navigate }) {
         h("p", `Probability that any computed clearance leads to an exceedance${unwarned}: at most ${percentAtMost(most)}, over the simulated aircraft and flights.`),
       campaign.n_complete ? derivatives(api, path) : null,
     );
-    keep(watching(page, () => newer(campaign, next, again)));
+    keep(watching(page, { campaigns: () => newer(campaign, next, again) }));
     return page;
   }
 
   /** Reload after others' decisions, unless something is being typed. */
   async function newer({ changed }, next, again) {
-    if ((await api.get(path)).changed === changed) return "";
+    await next.acted();
+    const { changed: newest } = await api.get(path);
+    if (newest === changed || !next.element.isConnected) return ""; // it may have been reloaded meanwhile
     if (!next.isIdle()) return "This campaign was changed elsewhere; the page is out of date. Reload it.";
     again();
     return "";

@@ -21,7 +21,7 @@ import { createLimitChoice } from "./flight_limits.js";
 import { resultOf, staleText } from "./headline.js";
 import { sourceText } from "./panels.js";
 
-const REFRESH = { every: 2000, silence: 5000 }; // ms
+const OLDER = 500; // ms between words of the age of a stale flight
 const LISTED = 30; // ended flights
 const OVER = "/flights?progress=ended&progress=failed&progress=interrupted";
 const WAIT = 1.5; // intervals of the monitor that a sample waits for others by default
@@ -34,7 +34,8 @@ export function showFlightStart(element, { query, api, navigate }) {
   async function build({ keep, again }, monitors, sets, datasets, recordings) {
     const list = createFlightList(api, monitors);
     await list.load();
-    keep(watching(list.element, list.load, REFRESH));
+    keep(watching(list.element, { flights_in_progress: list.loadRunning, flights: list.load }));
+    keep(list);
     const training = monitors.length === 0 ? keep(await jobList({ api, kind: "monitor", done: again })) : null;
     const start = training
       ? noMonitor(training.element, { api, again })
@@ -67,17 +68,28 @@ function createFlightList(api, monitors) {
   const list = createLongList({ api, path: OVER, search: "Search ended flights by name or monitor", step: LISTED, show: showEnded });
   const element = h("section.panel.stack", { "aria-label": "Flights" }, h("h2", "In progress"), running, h("h2", "Ended"), list.box, ended, list.more);
   const shown = new Map(); // what each part shows now
-  return { element, load };
+  let stale = []; // flights
+  let answered = 0;
+  const timer = setInterval(showAges, OLDER);
+  return { element, load, loadRunning, close: () => clearInterval(timer) };
 
   async function load() {
-    await Promise.all([api.get("/flights?progress=running&limit=1000").then(showRunning), list.load()]);
+    await Promise.all([loadRunning(), list.load()]);
   }
 
-  function showRunning(flights) {
+  async function loadRunning() {
+    const flights = await api.get("/flights?progress=running&limit=1000");
+    [stale, answered] = [flights.filter(({ age }) => age !== null), performance.now()];
     show(running, flights, "Watch", "No flight in progress. Flights that you start appear here.");
-    for (const flight of flights.filter(({ age }) => age !== null)) {
+    showAges();
+  }
+
+  function showAges() {
+    if (element.hasAttribute("data-lost")) return;
+    for (const flight of stale) {
       const place = running.querySelector(`[data-flight="${flight.id}"] .flight-stale`);
-      if (place !== null) put(place, ageText(flight));
+      const age = flight.age + (performance.now() - answered) / 1000;
+      if (place !== null) put(place, ageText({ ...flight, age }));
     }
   }
 

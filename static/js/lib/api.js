@@ -4,6 +4,8 @@
  * api.upload(path, file or FormData, progress(sent, total)) -> {ended: Promise<answer | null where cancelled>, cancel()}
  * api.watchJob(id, changed) -> {ended: Promise<job>, close()}     by server-sent events; changed(job) now and at each
  *     change; `ended` resolves with the ended job (done, failed, cancelled, interrupted), or rejects with an ApiError
+ * api.watchLists({changed, lost}) -> {close()}     changed({list: revision}) now, at each change and every 2 s; lost()
+ *     closed while the page is hidden: a browser allows six connections to a server
  * may("POST /flights/{}/end")    by the server's own table; true until it has answered. It checks every request itself
  * needs(route) -> attributes     hide an element whose request the role does not allow
  *
@@ -15,6 +17,7 @@ import { capital } from "./numbers.js";
 const BASE = "/api/v1";
 const ACCEPTED = "application/json, application/problem+json";
 const ENDED = ["done", "failed", "cancelled", "interrupted"];
+const AGAIN = 1000; // ms before it connects again
 const ROLE = "urn:forewarn:role";
 const NO_ANSWER = "The server does not answer. Check that `forewarn serve` is running, then try again.";
 
@@ -103,6 +106,37 @@ function watchJob(id, changed = (_job) => {}) {
   return { ended, close: () => source.close() };
 }
 
+function watchLists({ changed, lost }) {
+  let source = null;
+  let timer = 0;
+  document.addEventListener("visibilitychange", open);
+  open();
+  return { close };
+
+  function open() {
+    if (source !== null) lost();
+    shut();
+    if (document.hidden) return;
+    source = new EventSource(`${BASE}/events`);
+    source.addEventListener("message", (event) => changed(JSON.parse(event.data)));
+    source.addEventListener("error", () => {
+      shut();
+      lost();
+      timer = setTimeout(open, AGAIN);
+    });
+  }
+
+  function shut() {
+    clearTimeout(timer);
+    source?.close();
+  }
+
+  function close() {
+    document.removeEventListener("visibilitychange", open);
+    shut();
+  }
+}
+
 export const api = {
   get: (path) => call("GET", path),
   post: (path, body = {}) => call("POST", path, body),
@@ -110,6 +144,7 @@ export const api = {
   delete: (path) => call("DELETE", path),
   upload,
   watchJob,
+  watchLists,
 };
 
 let me = null;

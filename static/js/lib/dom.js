@@ -102,6 +102,7 @@ export function loadingView(element, { title, text, loads = [], build }) {
   };
 
   async function load() {
+    if (!open) return;
     release();
     element.replaceChildren(pageOf(title, [], loading(text)));
     try {

@@ -855,7 +855,7 @@ def test_an_alert_of_one_sample_stays_long_enough_to_be_seen(fly: Fly) -> None:
 
 def test_a_list_of_flights_out_of_date_is_marked(fly: Fly, allowed_errors: list[str]) -> None:
     allowed_errors.append("ERR_FAILED")
-    fly.watch(SAFE, ("pause", None))
+    fly.watch(UNSAFE, ("pause", None))
     fly.page.goto(f"{fly.site.http}/#/fly")
     silent = fly.page.get_by_text("Display is stale: no answer")
     row = fly.page.locator(f'.under-way li:has([href="#/fly/{fly.flight}"])')
@@ -863,6 +863,7 @@ def test_a_list_of_flights_out_of_date_is_marked(fly: Fly, allowed_errors: list[
     expect(silent).to_be_hidden()
     asked = re.compile(r"/api/v1/flights\?")
     fly.page.route(asked, lambda route: route.abort())
+    fly.ask("POST", f"/flights/{fly.flight}/transport", {"action": "next_alert"})
     expect(silent).to_be_visible()
     was = "[data-lost] > .under-way li"
     expect(fly.page.locator(was)).not_to_have_count(0)
