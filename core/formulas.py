@@ -164,7 +164,7 @@ class _Token(NamedTuple):
 
 _TOKEN = re.compile(
     r"(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)|(?P<name>[^\W\d]\w*)|\[(?P<key>[^\[\]]*)\]"
-    r"|(?P<sign>\*\*|[-+*/(),])|(?P<space>\s+)|(?P<other>.)"
+    r"|(?P<sign>\*\*|->|[<>]=?|[-+*/(),])|(?P<space>\s+)|(?P<other>.)"
 )
 _END = "the end"
 
@@ -174,11 +174,7 @@ def parse(text: str, keys: Sequence[str]) -> Formula:
 
     Raises FormulaError with the place and what is needed.
     """
-    if len(text) > MOST_CHARACTERS:
-        raise FormulaError(
-            f"a formula has {len(text)} characters: write it with at most {MOST_CHARACTERS}"
-        )
-    return _Parser(text, keys).read()
+    return FormulaParser(text, keys).read()
 
 
 def spelled(key: str) -> str:
@@ -195,10 +191,14 @@ def _tokens(text: str) -> Iterator[_Token]:
     yield _Token(_END, _END, len(text))
 
 
-class _Parser:
+class FormulaParser:
     """Recursive descent; the operators bind as in Python."""
 
     def __init__(self, text: str, keys: Sequence[str]) -> None:
+        if len(text) > MOST_CHARACTERS:
+            raise FormulaError(
+                f"a formula has {len(text)} characters: write it with at most {MOST_CHARACTERS}"
+            )
         self.text, self.keys = text, keys
         self.tokens = list(_tokens(text))
         self.at = self.depth = 0

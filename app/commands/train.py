@@ -116,7 +116,8 @@ def add(parser: argparse.ArgumentParser) -> None:
         own,
         "--channel FORMULA",
         "computed channel, such as 'load [kN] = 0.7*Nz*mass', to limit by --limit load=..12; a "
-        "limit on what lasts needs none: --limit 'Nz=..4.9 for 0.2 s'",
+        "limit on what lasts needs none: --limit 'Nz=..4.9 for 0.2 s', nor does a requirement: "
+        "--limit 'always (Nz < 4.9 or alpha < 0.2)'",
         action="append",
     )
     add_output(parser, "FILE", "file to write", Path("monitor.fwm"))

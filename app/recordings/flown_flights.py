@@ -26,6 +26,7 @@ from core.channels import LATERAL, Dictionary
 from core.computed import complete
 from core.dataset import Dataset
 from core.limits.limits import IntervalLimits, Limits
+from core.limits.temporal import Requirement
 from core.planned_test.planned_test import DatasetRecipe
 from core.rollouts import UNLABELLED, LabelledFlights, RolloutsError, labels
 from core.types import Array
@@ -58,7 +59,7 @@ class RolloutSources:
         """All of them, not yet checked, and what was found in reading them. ValueError."""
         if self.flown is None:
             return self.read, self.read.findings
-        dictionary, _ = extended(self.read.dictionary, self.channels, self.limits)
+        dictionary, *_ = extended(self.read.dictionary, self.channels, self.limits)
         read, found = _joined(self, dictionary, self.flown)
         return read, (*self.read.findings, *self.findings, *found)
 
@@ -68,8 +69,11 @@ class RolloutSources:
         if self.dataset is not None:
             return _added(self.dataset, read, found)
         channels = () if self.flown else self.channels  # which `joined` has added
-        dictionary, limits = specified(read, channels, self.limits)
-        flights = _checked(read, dictionary, limits)
+        dictionary, limits, requirements = specified(read, channels, self.limits)
+        if requirements:
+            flights = _labelled(read, dictionary, requirements)
+        else:
+            flights = _checked(read, dictionary, limits)
         return Dataset.from_flights(flights), [*found, *flights.findings]
 
     @classmethod
@@ -103,6 +107,17 @@ def _added(base: Dataset, read: RolloutFile, found: Sequence[str]) -> tuple[Data
         n_safe_met=len(made.safe) + base.n_safe_met - len(base.safe),
     )
     return made, [*found, *disagreements, *flights.findings]
+
+
+def _labelled(
+    read: RolloutFile, dictionary: Dictionary, requirements: Sequence[Requirement]
+) -> LabelledFlights:
+    """Flights that fail where a requirement is violated, whatever follows."""
+    y = complete(dictionary, read.y, read.dt)
+    fails = [requirement.first_violation(y, read.dt) for requirement in requirements]
+    flights = _checked(replace(read, fail_index=np.min(fails, axis=0)), dictionary, None)
+    words = " and ".join(requirement.text for requirement in requirements)
+    return replace(flights, specification=f"requirement {words}")
 
 
 def _checked(

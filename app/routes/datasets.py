@@ -112,7 +112,11 @@ _ROLLOUTS: dict[str, Any] = {
             | {"description": "channels as JSON or CSV; made from the files if absent"},
             "channel": _TEXT
             | {"description": "computed: KEY [UNIT] = FORMULA, one a line, or sent several times"},
-            "limit": _TEXT | {"description": "KEY=LOW..HIGH, one a line, or sent several times"},
+            "limit": _TEXT
+            | {
+                "description": "KEY=LOW..HIGH, or a requirement such as `always (Nz < 4.9 or alpha "
+                "< 0.2)`; one a line, or sent several times"
+            },
             "dt": _TEXT | {"description": "sample interval [s], if the files do not give it"},
             "recording": _TEXT
             | {

@@ -6,6 +6,7 @@ Nz=-1.4..4.9g    alpha=..12deg    Nz=..4.9 for 0.2 s    load [kN] = 0.7*Nz*mass
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from app.telemetry.units import PLAIN, convert, si_unit
 from core.channels import KEYS, LATERAL, Channel, Dictionary, channel
 from core.computed import complete, lasting
 from core.limits.limits import IntervalLimits, Limits, SafeInterval
+from core.limits.temporal import COMPARED, Requirement
 from core.types import Array
 
 VALUE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*((?:[A-Za-z°%]\S*)?)")
@@ -23,30 +25,43 @@ VALUE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*((?:[A-Za-z°
 COMPUTED = re.compile(r"\s*([^=\[\]]*[^=\[\]\s])\s*(?:\[([^=\[\]]*)\])?\s*=(.*)", re.DOTALL)
 """KEY [UNIT] = FORMULA."""
 
+JUDGED = "requirement_"
+"""Begins the keys of requirements that are judged sample by sample."""
 
 Ends = tuple[float | None, float | None]
 """Low and high; None: no limit on that side."""
 
 
-def specified(
-    flights: RolloutFile, channels: Sequence[str], limits: Sequence[str]
-) -> tuple[Dictionary, Limits | IntervalLimits | None]:
+class Specified(NamedTuple):
+    """A dictionary with computed channels, its limits, and requirements that only label flights."""
+
+    dictionary: Dictionary
+    limits: Limits | IntervalLimits | None
+    requirements: tuple[Requirement, ...] = ()
+
+
+def specified(flights: RolloutFile, channels: Sequence[str], limits: Sequence[str]) -> Specified:
     """The dictionary of flights with computed channels, and limits; None without any.
 
-    A limit with a time, `Nz=..4.9 for 0.2 s`, is one on a computed channel of its own. Of channels
-    that are absolute, the first samples are trimmed flight.   TelemetryError, ValueError.
+    A limit with a time, `Nz=..4.9 for 0.2 s`, is one on a computed channel of its own, and so is a
+    requirement that needs no later sample. Of channels that are absolute, the first samples are
+    trimmed flight.   TelemetryError, ValueError.
     """
-    dictionary, ends = extended(flights.dictionary, channels, limits)
-    if not ends:
-        return dictionary, None
-    if dictionary == LATERAL and all(low == -(high or 0) for low, high in ends.values()):
-        return dictionary, Limits(
-            **(dict.fromkeys(KEYS) | {k: high for k, (_, high) in ends.items()})
+    dictionary, ends, requirements = extended(flights.dictionary, channels, limits)
+    if requirements and (ends or flights.fail_index is not None):
+        raise TelemetryError(
+            f"{requirements[0].text!r} needs later samples, so it labels the rollouts: give it "
+            "without limits, and rollouts without labels"
         )
+    if not ends:
+        return Specified(dictionary, None, requirements)
+    if dictionary == LATERAL and all(low == -(high or 0) for low, high in ends.values()):
+        magnitudes = dict.fromkeys(KEYS) | {k: high for k, (_, high) in ends.items()}
+        return Specified(dictionary, Limits(**magnitudes))
     first = complete(dictionary, flights.y[:, :1], flights.dt)[:, 0]
     known = {each.key: rest_of(first[:, c], each) for c, each in enumerate(dictionary.channels)}
     intervals = {key: _interval(key, *of_key, known[key]) for key, of_key in ends.items()}
-    return dictionary, IntervalLimits(dictionary, intervals)
+    return Specified(dictionary, IntervalLimits(dictionary, intervals))
 
 
 def _interval(key: str, low: float | None, high: float | None, rest: float) -> SafeInterval:
@@ -58,11 +73,23 @@ def _interval(key: str, low: float | None, high: float | None, rest: float) -> S
 
 def extended(
     dictionary: Dictionary, channels: Sequence[str], limits: Sequence[str]
-) -> tuple[Dictionary, dict[str, Ends]]:
-    """The dictionary with computed channels, and limits by key.   TelemetryError, ValueError."""
+) -> tuple[Dictionary, dict[str, Ends], tuple[Requirement, ...]]:
+    """The dictionary with computed channels, limits by key, and requirements that need later
+    samples.   TelemetryError, ValueError.
+    """
     dictionary = dictionary.plus(*map(computed_channel, channels))
     ends: dict[str, Ends] = {}
+    ahead: list[Requirement] = []
     for text in limits:
+        if any(sign in text for sign in COMPARED):
+            requirement = Requirement.parse(text, dictionary.keys)
+            if requirement.formula is None:
+                ahead.append(requirement)
+                continue
+            judged = _robustness(requirement, dictionary)
+            dictionary = dictionary.plus(judged)
+            ends[judged.key] = 0.0, None
+            continue
         known, low, high, seconds = _limit(text, dictionary)
         check_limits(known, low, high)
         if seconds is None:
@@ -72,7 +99,15 @@ def extended(
             if added.key not in dictionary.keys:
                 dictionary = dictionary.plus(added)
             ends[added.key] = interval
-    return dictionary, ends
+    return dictionary, ends, tuple(ahead)
+
+
+def _robustness(requirement: Requirement, dictionary: Dictionary) -> Channel:
+    """The channel that is 0 where a requirement begins to be violated."""
+    n = 1 + sum(key.startswith(JUDGED) for key in dictionary.keys)
+    key, formula = f"{JUDGED}{n}", requirement.formula or ""
+    known = channel(key, key, PLAIN, requirement.text, "output", "absolute")
+    return replace(known, formula=formula)
 
 
 def computed_channel(text: str) -> Channel:

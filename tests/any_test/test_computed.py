@@ -226,7 +226,7 @@ def read_of(dictionary: Dictionary, y: Array) -> RolloutFile:
 def test_a_limit_and_one_on_what_lasts_hold_side_by_side() -> None:
     y = np.ones((4, 30, 4))
     texts = ["Nz=..3", "Nz=..2 for 0.1 s", "Nz=0.. for 0.1 s", "q=0.5 for 1s"]
-    dictionary, limits = specified(read_of(short_period.DICTIONARY, y), [], texts)
+    dictionary, limits, _ = specified(read_of(short_period.DICTIONARY, y), [], texts)
     assert isinstance(limits, IntervalLimits)
     assert limits.intervals == {
         "Nz": SafeInterval(None, 3.0, 1.0),
@@ -248,8 +248,8 @@ def test_what_lasts_of_a_channel_with_a_space_is_computed() -> None:
 
 def test_lateral_magnitudes_stay_magnitudes_and_lasting_ones_extend_the_dictionary() -> None:
     y = np.zeros((4, 30, 6))
-    assert specified(read_of(LATERAL, y), [], ["Ny=0.5"]) == (LATERAL, Limits(Ny=0.5))
-    dictionary, _ = specified(read_of(LATERAL, y), [], ["Ny=0.5 for 0.2s"])
+    assert specified(read_of(LATERAL, y), [], ["Ny=0.5"]) == (LATERAL, Limits(Ny=0.5), ())
+    dictionary, *_ = specified(read_of(LATERAL, y), [], ["Ny=0.5 for 0.2s"])
     assert (dictionary.name, len(dictionary)) == ("own", 8)
 
 

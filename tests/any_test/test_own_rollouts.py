@@ -338,6 +338,8 @@ def test_a_method_that_is_asked_for_is_used(
         (["--limit", "Nz=-9..20"], "0 of 1600 flights fail"),
         (["--limit", "Nz=..38g"], "values beyond 30 g"),
         (["--limit", "Nz=-1..1e400"], "1e400 is too large"),
+        (["--limit", "always Nzz < 2"], "did you mean Nz"),
+        (["--limit", "always (Nz < 1e-6)"], "limits 0 to inf were given"),
         (["--limit", "Nz=-30..2.9g"], "the limit Nz -30 g"),
         (["--limit", "Nz=..38g for 0.2 s"], "the limit Nz 38 g"),
         (["--limit", "Nz=-1.1..2.9", "--epsilon", "0.001"], "no method can be trained"),
@@ -384,6 +386,47 @@ def test_rollouts_beyond_the_plausible_values_of_a_channel_are_a_finding(tmp_pat
     assert 0 < int(text.split(" g in ")[1].split()[0]) <= hit
     np.savez(path, **arrays(flights(300)))  # pyright: ignore[reportArgumentType]
     assert not RolloutSources(read_rollouts(path), limits=["Nz=-1.1..2.9g"]).to_dataset()[1]
+
+
+BETWEEN = "(Nz < 2.9 and Nz > -1.1)"
+
+
+@pytest.mark.parametrize("text", [f"always {BETWEEN}", f"always[0:4] {BETWEEN}"])
+def test_a_requirement_labels_rollouts_as_the_same_limits_do(text: str, source: Path) -> None:
+    read = read_rollouts(source)
+    limited, _ = RolloutSources(read, limits=["Nz=-1.1..2.9"]).to_dataset()
+    made, _ = RolloutSources(read, limits=[text]).to_dataset()
+    assert made.fail_index.tolist() == limited.fail_index.tolist()
+
+
+def test_a_requirement_that_looks_back_is_judged_in_flight_and_others_label_alone(
+    source: Path, tmp_path: Path
+) -> None:
+    back = "always (historically[0:0.2] (Nz > 2) implies abs(q) < 0.2)"
+    ahead = "always[0:3] (Nz > 2.5 implies eventually[0:0.6] (Nz < 1))"
+    for text in (back, ahead):
+        out = tmp_path / "pitch.fwm"
+        rest = ["--limit", text, "--predictor", "linear", "--out", str(out)]
+        assert main(["train", "--rollouts", str(source), *rest]) == 0
+        monitor = load(out)
+        if text == back:
+            envelope = monitor.envelope
+            assert envelope is not None
+            assert np.flatnonzero(envelope.limited).tolist() == [4]
+            assert (envelope.low[4], envelope.high[4]) == (0.0, np.inf)
+            rho = envelope.rest[4]
+            assert rho > 0.0
+        else:
+            assert monitor.specification == f"requirement {ahead}"
+
+
+def test_a_requirement_that_needs_later_samples_stands_alone(source: Path, tmp_path: Path) -> None:
+    read, ahead = read_rollouts(source), "always[0:4] Nz < 2.9"
+    with pytest.raises(TelemetryError, match="give it without limits"):
+        RolloutSources(read, limits=[ahead, "Nz=..2.9"]).to_dataset()
+    np.savez(tmp_path / "own.npz", **arrays(flights(300), unsafe=flights(300)[:, 0, 0] > 0.05))  # pyright: ignore[reportArgumentType]
+    with pytest.raises(TelemetryError, match="rollouts without labels"):
+        RolloutSources(read_rollouts(tmp_path / "own.npz"), limits=[ahead]).to_dataset()
 
 
 def test_a_lead_far_shorter_than_a_sample_interval_is_refused(

@@ -81,7 +81,12 @@ def own_test(options: argparse.Namespace, t_early: float) -> OwnTest:
     y = simulator.outputs(PILOT_FLIGHTS, test.seed)
     check_lead(t_early, (y.shape[1] - 1) * simulator.dt)
     first = RolloutFile(y, simulator.dt, simulator.dictionary)
-    dictionary, limits = specified(first, options.channel or (), options.limit or ())
+    dictionary, limits, ahead = specified(first, options.channel or (), options.limit or ())
+    if ahead:
+        raise RecipeError(
+            f"{ahead[0].text!r} needs later samples, so it labels only whole rollouts: give them "
+            "by --rollouts, or write it with words that look back"
+        )
     n_obs = min(test.n_obs, y.shape[1])
     judged = simulator.judged(dictionary, limits, y.shape[1])
     return replace(test, flown_by=judged, n_obs=n_obs, pilot=judged.reached(y))
