@@ -511,6 +511,24 @@ class TransportChange(Message):
     transport: TransportState
 
 
+class Screen(Message):
+    """A screen that shows the flight."""
+
+    id: str = Field(description="as it gave in the address of the stream")
+    number: int = Field(description="1, 2, 3 ... in order of their coming")
+    by: str = Field(description="name of its person")
+
+
+class ScreensChange(Message):
+    """A screen came or went, or another one leads the replay."""
+
+    type: Literal["screens"] = "screens"
+    screens: list[Screen] = Field(description="those connected now")
+    leader: Screen | None = Field(
+        description="the one that leads; gone if it is not among them; null before one has steered"
+    )
+
+
 class Reset(Message):
     """The next frame, `seq`, does not follow the last one: clear the strips."""
 
@@ -627,7 +645,7 @@ class SentBatch(BaseModel):
 
 DOWN: tuple[type[Message], ...] = (
     Hello, Frames, StateChange, StatusChange, AlarmRaised, MarkerSet, TransportChange, LiveChange,
-    LimitsChange, MonitorChange, Reset, Heartbeat, Waiting, End,
+    LimitsChange, MonitorChange, ScreensChange, Reset, Heartbeat, Waiting, End,
 )  # fmt: skip
 """Messages of the server on a flight's stream."""
 UP: tuple[type[Message], ...] = (Credit, Resume)

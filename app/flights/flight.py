@@ -26,7 +26,8 @@ from app.flights.flight_limits import status_of
 from app.flights.flight_monitors import member, set_status
 from app.flights.planned_card import planned_card
 from app.flights.recorder import Recorder
-from app.flights.transport import NotPossible
+from app.flights.screens import Screens
+from app.flights.transport import NotPossible, TransportError
 from app.flights.verdict import (
     BEFORE,
     UNASSESSED,
@@ -204,6 +205,7 @@ class Flight(ABC):
         self._on_over = on_over
         self._recent = RecentFrames(held=lambda: list(self._limits_held))
         self._watchers: set[Watcher] = set()
+        self._screens = Screens()
         self._timers: dict[str, Timer] = {}
         self._pose: tuple[Angles, Array] | None = None
         self._ahead_t, self._is_predicted = -inf, False
@@ -336,11 +338,17 @@ class Flight(ABC):
 
     # --- watching -----------------------------------------------------------------------------
 
-    def watch(self) -> Watcher:
-        """Add a watcher; its first message is hello, then new frames follow."""
-        watcher = Watcher(self._recent)
+    def watch(self, screen: str = "", by: str = "") -> Watcher:
+        """Add a watcher; its first message is hello, then new frames follow.
+
+        screen, by: id and person of the screen that it is; empty for a program.
+        """
+        watcher = Watcher(self._recent, screen)
         watcher.send(self._hello())
         self._watchers.add(watcher)
+        if screen:
+            self._screens.join(screen, by)
+            self._broadcast(self._screens.message.encode())
         if self.is_over:
             watcher.end(End(reason="the flight has ended").encode())
         elif self._is_waiting:
@@ -349,6 +357,24 @@ class Flight(ABC):
 
     def leave(self, watcher: Watcher) -> None:
         self._watchers.discard(watcher)
+        if watcher.screen:
+            self._screens.leave(watcher.screen)
+            self._broadcast(self._screens.message.encode())
+
+    def steer(self, action: str, value: float | bool | None, screen: str) -> None:
+        """Perform an action of the transport for a screen, which leads from then on.
+
+        screen: id; empty for a program, which leads nothing.   TransportError.
+        """
+        takes_lead = action == "lead"
+        if takes_lead and not (screen and self.transport.seekable):
+            raise TransportError("lead needs the id of a screen that shows a replay")
+        if not takes_lead:
+            if screen:
+                self._screens.check(screen)
+            self.act(action, value)
+        if screen and self._screens.lead(screen):
+            self._broadcast(self._screens.message.encode())
 
     def acknowledge(self, alarm_id: str, by: str, utc: str) -> Alarm:
         """Apply a stored acknowledgement and send it to all watchers; KeyError if not in memory."""

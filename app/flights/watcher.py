@@ -84,10 +84,11 @@ class Watcher:
     """The messages for one connection, which pulls them with `next_message`.
 
     on_news: called when there may be a message to send at once.
-    on_frames: called when there are new frames.
+    on_frames: called when there are new frames.   screen: id of the one it is; empty for none.
     """
 
-    def __init__(self, recent: RecentFrames) -> None:
+    def __init__(self, recent: RecentFrames, screen: str = "") -> None:
+        self.screen = screen
         self._recent = recent
         self._next = recent.head + 1
         self._conflating = False

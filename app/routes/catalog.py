@@ -136,7 +136,8 @@ class _Socket(NamedTuple):
 SOCKETS = (
     _Socket(
         "stream",
-        "Text frames of JSON. A message of frames costs one credit; grant it again.",
+        "Text frames of JSON. A message of frames costs one credit; grant it again. A screen "
+        "that follows or leads a replay has an id of its choice as the parameter `screen`.",
         DOWN,
         UP,
     ),

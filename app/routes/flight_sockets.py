@@ -3,9 +3,9 @@
 import asyncio
 from collections import deque
 from functools import partial
-from typing import Literal
+from typing import Annotated, Literal
 
-from fastapi import APIRouter, WebSocket
+from fastapi import APIRouter, Query, WebSocket
 from starlette.status import (
     WS_1000_NORMAL_CLOSURE,
     WS_1008_POLICY_VIOLATION,
@@ -19,6 +19,7 @@ from app.flights.transport import NotPossible
 from app.flights.watcher import FrameTicks, Watcher
 from app.http.connection import Connection, accept
 from app.messages import Credit, End, MessageError, Refused, Stored, Welcome, decode
+from app.routes.flights import MOST_ID
 from app.routes.live import sender_of
 from app.store.store import NotFound
 from app.telemetry.journal import JournalFull
@@ -30,18 +31,22 @@ NO_SUCH_FLIGHT = 4404
 
 
 @router.websocket("/{flight_id}/stream")
-async def stream(websocket: WebSocket, flight_id: str) -> None:
-    """Watch a flight: messages as in app.messages."""
+async def stream(
+    websocket: WebSocket,
+    flight_id: str,
+    screen: Annotated[str, Query(max_length=MOST_ID)] = "",
+) -> None:
+    """Watch a flight: messages as in app.messages. screen: an id that the page made up."""
     flights: Flights = websocket.app.state.flights
     connection = await accept(websocket)
     flight = flights.get(flight_id)
     if flight is None:
         await refuse(connection, NO_SUCH_FLIGHT, f"no flight {flight_id} is in progress")
         return
-    watcher = flight.watch()
-    screen = _Screen(connection, watcher, websocket.app.state.frame_ticks)
+    watcher = flight.watch(screen, websocket.scope["person"].name)
+    display = _Screen(connection, watcher, websocket.app.state.frame_ticks)
     try:
-        await connection.run(screen.on_message, screen.show)
+        await connection.run(display.on_message, display.show)
     finally:
         watcher.on_news = watcher.on_frames = None
         flight.leave(watcher)

@@ -142,15 +142,27 @@ class FlightStatus(Decided):
     )
 
 
+MOST_ID = 40
+
+
 class TransportRequest(BaseModel):
-    """An action: seek to [s], step by samples (backwards if negative), speed 0.1 to 10, loop."""
+    """An action: seek to [s], step by samples (backwards if negative), speed 0.1 to 10, loop.
+
+    `lead` lets a screen lead the replay, which others then follow.
+    """
 
     model_config = strictly({"action": "seek", "value": 2.5})
 
-    action: Literal["play", "pause", "seek", "step", "speed", "loop", "next_alert"]
+    action: Literal["play", "pause", "seek", "step", "speed", "loop", "next_alert", "lead"]
     value: StrictBool | Annotated[float, Field(allow_inf_nan=False)] | None = Field(
         default=None,
         description="seek [s], step [samples, 1 if absent], speed [factor] or loop [bool]",
+    )
+    screen: str = Field(
+        default="",
+        max_length=MOST_ID,
+        description="of the screen that steers, as in its stream's address; 409 while another "
+        "connected screen leads. A program gives none",
     )
 
 
@@ -257,9 +269,9 @@ async def delete_flight(flight_id: str, flights: FlightsDep) -> None:
 
 @router.post("/{flight_id}/transport", responses=problem_responses(409))
 async def steer(flight_id: str, request: TransportRequest, flights: FlightsDep) -> TransportState:
-    """Steer a flight: play, pause, seek, step, speed, loop or next_alert."""
+    """Steer a flight: play, pause, seek, step, speed, loop, next_alert or lead."""
     flight = flights.flying(flight_id)
-    flight.act(request.action, request.value)
+    flight.steer(request.action, request.value, request.screen)
     return flight.transport
 
 

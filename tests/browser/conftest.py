@@ -177,7 +177,7 @@ def relay(own_page: Page, allowed_errors: list[str]) -> Relay:
                 to.send(text)
 
         allowed_errors.append(RELAYED_LATE)
-        own_page.route_web_socket(re.compile("/stream$"), pass_on)
+        own_page.route_web_socket(re.compile(r"/stream\?"), pass_on)
         return routes
 
     return started

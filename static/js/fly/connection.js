@@ -10,6 +10,7 @@
  *     on.reset({seq, t, since, held})  the next frame, seq, does not follow the last one; the record has since..seq-1
  *     on.gap(first, last)          samples first..last were not sent: the server has them in the flight's record
  *     on.link(link)                "connecting" | "open" | "silent" (a heartbeat is missing) | "lost" | "over"
+ *     on.screens({screens, leader})    the screens of the flight; the id of this one is SCREEN
  *     on.over(reason)              the flight has ended; nothing follows
  *   link, retryIn(wall) -> s       while lost, the time until the next attempt
  *   loggedOut    lost because the login expired: it does not reconnect
@@ -30,11 +31,12 @@ const LISTEN = 250; // ms between checks of both
 const WAITS = [250, 500, 1000, 2000, 4000]; // ms before each next attempt
 const NO_SUCH_FLIGHT = 4404;
 const SESSION_OVER = 4401;
+export const SCREEN = Math.random().toString(36).slice(2); // as it names itself to the server
 const WINDOW = 30_000; // ms; the quickest message of this window and the one before counts
 
 export function createConnection(flight, on, { Socket = WebSocket } = {}) {
   const scheme = location.protocol === "https:" ? "wss" : "ws";
-  const address = `${scheme}://${location.host}/api/v1/flights/${encodeURIComponent(flight)}/stream`;
+  const address = `${scheme}://${location.host}/api/v1/flights/${encodeURIComponent(flight)}/stream?screen=${SCREEN}`;
   const clock = createServerClock();
   const counts = { lost: 0, unwritten: 0, problem: "" };
   let socket = null;

@@ -13,11 +13,11 @@ import { addDrawer } from "../lib/draw_loop.js";
 import { createEventList } from "../lib/event_list.js";
 import { exceededWords, withLimits } from "../lib/limits.js";
 import { sentence } from "../lib/monitors.js";
-import { counted } from "../lib/numbers.js";
+import { counted, secondsText } from "../lib/numbers.js";
 import { createAlarmPanel } from "./alarm_panel.js";
 import { createAssessmentDisplay } from "./assessment/assessment_display.js";
 import { createBackfill } from "./backfill.js";
-import { createConnection } from "./connection.js";
+import { createConnection, SCREEN } from "./connection.js";
 import { createFlightLimits, limitsNote } from "./flight_limits.js";
 import { createFlightMarkers, markerNote } from "./flight_markers.js";
 import { alertLevel, createSetLine, inUse, useNote, withoutLimits } from "./flight_monitors.js";
@@ -25,6 +25,7 @@ import { isStale, LEVEL_OF, partsOf, staleText, textOf } from "./headline.js";
 import { createLivePanel } from "./live_panel.js";
 import { acknowledgementOf, alertText, createFlightPanels, recordedFlag, sourceText } from "./panels.js";
 import { createReplayNotes } from "./playback/replay_notes.js";
+import { createFollowing } from "./playback/following.js";
 import { createTransportBar } from "./playback/transport_bar.js";
 import { createSceneFrame } from "./scene_frame.js";
 import { bindShortcuts, openShortcuts } from "./shortcuts.js";
@@ -50,9 +51,10 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     acknowledge: ({ id: number }) => api.post(`${path}/alarms/${number}/acknowledge`, {}),
   });
   const transport = createTransportBar(panels.transport, {
-    act: (action, value) => api.post(`${path}/transport`, { action, value: value ?? null }),
+    act: steer,
     end: recorded ? null : () => askToConfirm("End this flight?", "Its record is kept. You can fly it again.", "End flight", () => api.post(`${path}/end`, {})),
   });
+  const following = createFollowing(panels.transport, { lead: () => steer("lead") });
   const markers = createFlightMarkers(
     { buttons: panels.calls, events: panels.events, last: panels.marker, refused: panels.refused, entry: panels.entry },
     { set: (marker) => api.post(`${path}/markers`, marker), now: () => display?.t ?? null, heard: () => tone.caution(), unheard: () => tone.caution() },
@@ -96,6 +98,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     alarm: onAlarm,
     marker: onMarker,
     transport: onTransport,
+    screens: onScreens,
     live: onLive,
     limits: onLimits,
     monitor: onMonitor,
@@ -280,10 +283,32 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     address.describe({ ...hello, live });
   }
 
+  function steer(action, value = null) {
+    return api.post(`${path}/transport`, { action, value, screen: SCREEN });
+  }
+
+  function onScreens(message) {
+    following.show(message);
+    transport.show(playback, following.isFollowing);
+  }
+
+  /** Why this screen is not where the replay is. */
+  function behind(wall) {
+    if (connection.link !== "open") return "no connection";
+    const { t, timeline } = display;
+    const at = playback.playing ? t : playback.position;
+    const { start, end } = timeline.view(wall);
+    if (t === null) return "no sample yet";
+    if (Math.abs(t - at) > 1.5 * hello.dt) return `shows ${secondsText(t)}, the replay is at ${secondsText(at)}`;
+    if (t < start || t > end) return `its window shows ${secondsText(start)} to ${secondsText(end)}, the replay is at ${secondsText(t)}`;
+    const { latency } = connection.figures(wall);
+    return playback.playing && latency > 1000 * hello.stale_after ? `${secondsText(latency / 1000)} late` : "";
+  }
+
   function onTransport(message) {
     playback = message;
     display.timeline.setTransport(message);
-    transport.show(message);
+    transport.show(message, following.isFollowing);
   }
 
   function onLink(link) {
@@ -351,6 +376,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   function show(wall) {
     const headline = display?.refresh(wall) ?? null;
     transport.moved(display?.chart.newest ?? null);
+    if (hello?.transport.seekable) following.draw(behind(wall));
     const text = `${connection.link} ${headline === null ? "" : textOf(headline, display.withdrawal)}`;
     if (text === shown.text && wall - shown.wall < STATUS_EVERY) return;
     shown = { text, wall };

@@ -341,6 +341,37 @@ def test_all_watchers_see_transport_changes(server: Server) -> None:
         assert messages[kinds.index("transport")]["transport"] == answer.json()
 
 
+def test_one_screen_leads_and_programs_steer_all_the_same(server: Server) -> None:
+    flight = server.start()["id"]
+    path, headers = f"{URL}/{flight}/stream?screen=", HEADERS
+
+    def steer(action: str, screen: str) -> Any:
+        body = {"action": action, "screen": screen}
+        return server.client.post(f"{URL}/{flight}/transport", json=body)
+
+    def leader(socket: WebSocketTestSession) -> Any:
+        return until(socket, lambda message: message["type"] == "screens")[-1]["leader"]
+
+    connect = server.client.websocket_connect
+    with connect(path + "a", headers=headers) as a:
+        assert leader(a) is None
+        with connect(path + "b", headers=headers):
+            assert leader(a) is None
+            assert steer("pause", "b").status_code == 200
+            led = {"id": "b", "number": 2, "by": "local"}
+            assert leader(a) == led
+            assert "screen 2 leads" in problem(steer("play", "a"), 409)
+            assert server.steer(flight, "play").json()["playing"]
+        assert leader(a) == led  # it has left
+        assert steer("lead", "a").status_code == 200
+        assert leader(a)["id"] == "a"
+    problem(steer("lead", "a"), 409)
+    assert "a screen that shows a replay" in problem(server.steer(flight, "lead"), 422)
+    live = server.start(source={"kind": "live"})["id"]
+    body = {"action": "lead", "screen": "a"}
+    problem(server.client.post(f"{URL}/{live}/transport", json=body), 422)
+
+
 @pytest.mark.parametrize(
     ("action", "value", "status"),
     [

@@ -4,11 +4,12 @@ import re
 from collections.abc import Iterator
 
 import pytest
-from playwright.sync_api import Page, Route, expect
+from playwright.sync_api import Browser, Page, Route, expect
 
 from core.monitor import Monitor
-from tests.browser.chromium import wait_until
+from tests.browser.chromium import violations, wait_until
 from tests.browser.recorded_site import DT, RecordedSite, open_recorded_site
+from tests.browser.window import Window
 
 START = 3358.0
 TWO_PRESSES = """async () => {
@@ -224,3 +225,69 @@ def test_a_lost_validity_waits_in_amber_until_it_is_acknowledged(
     replay.locator('.event[data-level="caution"]', has_text="validity lost").wait_for()
     *_, caution = site.ask("GET", alarms)
     assert (caution["kind"], caution["by"]) == ("invalid", "local")
+
+
+@pytest.fixture
+def second(replay: Page, browser: Browser, stored: dict[str, str]) -> Iterator[Page]:
+    """Another screen of the same replay."""
+    window = Window(browser, stored)
+    page = window.open()
+    page.goto(replay.url)
+    page.locator('[data-flight="open"]').wait_for()
+    yield page
+    assert window.close() == []
+
+
+def says(page: Page, words: str) -> None:
+    expect(page.locator(".following")).to_have_text(re.compile(words))
+
+
+def test_a_screen_follows_the_one_that_leads_until_it_takes_the_lead(
+    replay: Page, second: Page
+) -> None:
+    first, play = replay, "[data-action=play]"
+    says(first, "1 other screen also shows this replay. The first to steer leads")
+    first.locator(play).click()
+    says(first, "This screen leads. 1 other screen follows")
+    says(second, r"Follows screen \d+: in step\.")
+    expect(second.locator(play)).to_be_hidden()
+    expect(first.locator(play)).to_have_attribute("data-playing", "true")
+    second.keyboard.press(" ")  # no key of a follower steers
+    first.locator(play).click()
+    expect(first.locator(play)).to_have_attribute("data-playing", "false")
+    for _ in range(3):
+        first.keyboard.press("j")
+    first.keyboard.press("]")
+    wait_until(first, f"Number(document.querySelector('input.scrub').value) > {START + 0.5}")
+    expect(second.locator(".transport-time")).to_have_text(
+        first.locator(".transport-time").inner_text()
+    )
+    expect(second.locator("select.speed")).to_have_value("2")
+    says(second, "in step")
+    assert violations(second) == []
+    second.get_by_role("button", name="Take the lead").click()
+    says(second, "This screen leads")
+    says(first, "Follows screen")
+    expect(second.locator(play)).to_be_visible()
+    expect(first.locator(play)).to_be_hidden()
+
+
+def test_a_follower_whose_window_is_elsewhere_is_out_of_step(replay: Page, second: Page) -> None:
+    replay.keyboard.press("j")
+    says(second, "in step")
+    strips = second.locator(".strip-chart").first
+    strips.focus()
+    for _ in range(3):
+        second.keyboard.press("PageDown")
+    says(second, "◆ OUT OF STEP: its window shows")
+
+
+def test_a_leader_that_is_gone_is_named_until_another_screen_steers(
+    replay: Page, second: Page
+) -> None:
+    second.locator("[data-action=play]").click()
+    says(replay, "Follows screen")
+    second.goto("about:blank")
+    says(replay, r"◆ LEADER GONE: screen \d+ has left. The next to steer leads")
+    replay.locator("[data-action=play]").click()
+    expect(replay.locator(".following")).to_be_hidden()

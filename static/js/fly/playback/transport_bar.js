@@ -4,7 +4,7 @@
  * createTransportBar(element, {act, end}) -> TransportBar
  *     act(action, value) -> Promise    asks the server; rejects with the reason
  *     end()                            ends the flight; null where it cannot be ended
- *   show(transport)      the server's state; its newest samples may not have arrived yet
+ *   show(transport, isLed)    the server's state; its newest samples may not have arrived yet.   isLed: by another screen
  *   moved(t), arrived()  time of the newest sample drawn [s], null for none; the samples after the last seek are drawn
  *   steers()             whether this user can steer the flight
  *   t                    time shown [s]: of the newest sample drawn, or the one sought
@@ -23,6 +23,7 @@ const SPEEDS = [0.1, 0.2, 0.5, 1, 2, 5, 10];
 export function createTransportBar(element, { act, end }) {
   element.classList.add("transport");
   let transport = { playing: false, speed: 1, loop: false, start: 0, duration: null, seekable: true };
+  let isLed = false;
   let drawn = null; // time of the newest sample drawn
   let marked = []; // times of the marks, rising
   let dragging = false;
@@ -63,8 +64,8 @@ export function createTransportBar(element, { act, end }) {
     dragging = false;
   });
 
-  /** A live source cannot be steered; a viewer cannot steer a shared flight. */
-  const steers = () => transport.seekable && may(STEER);
+  /** A live source cannot be steered, nor can what another screen leads, nor a shared flight by a viewer. */
+  const steers = () => transport.seekable && !isLed && may(STEER);
 
   async function send(action, value) {
     if (!steers()) return;
@@ -110,8 +111,8 @@ export function createTransportBar(element, { act, end }) {
     if (factor !== transport.speed) send("speed", factor);
   }
 
-  function show(now) {
-    transport = now;
+  function show(now, isLedNow = false) {
+    [transport, isLed] = [now, isLedNow];
     const { playing, duration } = now;
     put(play, playing ? "❚❚" : "▶");
     const label = playing ? "Pause" : "Play";
