@@ -238,6 +238,11 @@ class LiveStatus(Message):
     trim: Literal["detected", "none"]
     begun: list[ManoeuvreBegun] = Field(default_factory=list, description="newest ones, in order")
     resumed: int = Field(default=0, description="times that it was resumed after a crash")
+    time_zero: str = Field(
+        default="",
+        description="UTC of the source's time zero, ISO 8601, by the arrival of the fastest batch; "
+        "empty before the first sample, and where the server did not keep it",
+    )
     needed: list[str] = Field(description="channels that the monitors need")
     names: list[str] = Field(description="names that a batch contains, time first")
     conditions: list[ConditionSignal] = Field(

@@ -207,6 +207,8 @@ class CausalScorer:
         self._conditions = ConditionHold()
         self._contradiction: tuple[Doubt, ...] = ()
         self._exceedances: list[ReceivedExceedance] = []
+        self.zero = np.inf
+        """arrival time less sample time of the fastest sample [s]"""
         self._authority = GridMonitor(monitor, epsilon)
         self._display = [GridMonitor(*shown) for shown in display]
         self.needed = self._needed([*members, *(shown for shown, _ in display)])
@@ -284,6 +286,8 @@ class CausalScorer:
         n_steps = self._grid.n_clock_steps
         settled = self._grid.push(arrived, sample)
         t, is_dated = self._grid.pushed_at
+        if is_dated:
+            self.zero = min(self.zero, arrived - t)
         self._checks.push(arrived, t, sample.y, source, self.manoeuvre > 0)
         limits, beyond = self.monitor.envelope, ""
         if self._rule is not None:

@@ -1,6 +1,7 @@
 """Scorings as plain data."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from typing import Any
 
@@ -15,6 +16,10 @@ from app.recordings.scored import ScoredRecordings
 from app.recordings.tiles import Window
 from app.store.monitors import MonitorInfo
 from app.store.scorings import ScoringInfo
+from app.store.store import StoreError
+from app.telemetry.contents import Contents
+from app.telemetry.mapping.applying import time_zero
+from app.telemetry.mapping.mapping import Mapping as TimedMapping
 from core.channels import Dictionary
 from core.limits.limits import specification_from_plain
 from core.monitor import Assessment, State
@@ -31,17 +36,32 @@ VERDICTS = ("manoeuvres", "outside_exceedances", "notes")
 def answers(
     scored: ScoredRecordings, infos: list[ScoringInfo], *, verified: bool = False
 ) -> list[dict[str, Any]]:
-    """Scorings without their samples.
+    """Scorings of a recording, without their samples.
 
     verified: whether all samples have just been checked; otherwise each scoring has its own flag.
     """
+    contents = _contents(scored, infos)
     used = [(info.monitor_id, info.epsilon) for info in infos]
     monitors = scored.store.monitors.used(used)
     return [
         _answer(info, monitors[pair], verified or scored.verified(info))
-        | {"alert_above": monitors[pair].alert_above(info.epsilon)}
+        | {
+            "alert_above": monitors[pair].alert_above(info.epsilon),
+            "time_zero": _time_zero(contents, info),
+        }
         for info, pair in zip(infos, used, strict=True)
     ]
+
+
+def _contents(scored: ScoredRecordings, infos: list[ScoringInfo]) -> Contents | None:
+    """Contents of the recording that was scored; None if it is damaged, or without a scoring."""
+    with suppress(StoreError, IndexError):
+        return scored.recordings.columns(infos[0].recording_id).contents
+    return None
+
+
+def _time_zero(contents: Contents | None, info: ScoringInfo) -> str:
+    return time_zero(contents, TimedMapping.from_plain(info.mapping)) if contents else ""
 
 
 def _answer(info: ScoringInfo, monitor: MonitorInfo, verified: bool) -> dict[str, Any]:

@@ -110,6 +110,10 @@ class Scoring(BaseModel):
     n_samples: int
     start: float = Field(description="[s]")
     end: float = Field(description="[s]")
+    time_zero: str = Field(
+        description="zero of the times, in ISO 8601 or as in the recording's contents; empty if "
+        "the file does not give it"
+    )
     notes: list[str] = Field(description="assumptions and processing steps, in order")
     quality: dict[str, Any] | None = Field(
         description="quality of the recorded times and channels; `compatibility`: scale, bias and "

@@ -7,10 +7,12 @@
  * after a question mark (#/fly?monitor=3f9a); navigate("#/fly/3f9a") opens another view.
  */
 
+import { createAddress } from "./lib/address.js";
 import { api, loadMe, may } from "./lib/api.js";
+import { chooseTime, clearZero, timeChoice, TIMES, useTime, watchZero } from "./lib/clock.js";
 import { createDemonstrationBar, demonstration } from "./lib/demonstration.js";
-import { h, link, pageOf, state } from "./lib/dom.js";
-import { chooseUnits, tellUnits, UNIT_SYSTEMS, unitSystem } from "./lib/numbers.js";
+import { button as buttonOf, h, link, openDialog, pageOf, state } from "./lib/dom.js";
+import { capital, chooseUnits, tellUnits, UNIT_SYSTEMS, unitSystem, useUnits } from "./lib/numbers.js";
 import { chooseTheme, currentTheme, followTheme } from "./lib/storage.js";
 
 const VIEWS = {
@@ -46,6 +48,8 @@ const part = (selector) => document.querySelector(selector);
 const page = part("#page");
 let shown = { close: () => {} };
 let turn = 0;
+let place = ""; // path of the view
+let hasMoments = false; // in the view
 let checking = 0; // timer
 
 function navigate(hash) {
@@ -94,6 +98,14 @@ async function open() {
   const [name, id = null] = path.split("/").map(decoded);
   const mine = ++turn;
   const view = viewOf(name);
+  const query = new URLSearchParams(search ?? "");
+  if (path !== place) hasMoments = false;
+  if (path !== place) clearZero();
+  place = path;
+  useUnits(query.get("units"));
+  useTime(query.get("time"));
+  showUnits();
+  showTime();
   for (const link of document.querySelectorAll(".nav a"))
     link.ariaCurrent = link.getAttribute("href") === `#/${name}` ? "page" : null;
   document.title = `${view.title} – Forewarn`;
@@ -105,7 +117,6 @@ async function open() {
   try {
     const { show } = await view.load();
     if (mine !== turn) return;
-    const query = new URLSearchParams(search ?? "");
     shown = show(page, { id: id || null, query, api, navigate });
   } catch (error) {
     console.error(error);
@@ -132,15 +143,62 @@ function bindThemeButton(button) {
   followTheme(show);
 }
 
+const next = (names, name) => names[(names.indexOf(name) + 1) % names.length];
+
 /** The next system of units; the view is opened again unless that would lose input. */
 function bindUnitsButton(button) {
   const show = () => showChoice(button, "Units", unitSystem(), unitSystem() !== UNIT_SYSTEMS[0]);
   button.addEventListener("click", () => {
-    chooseUnits(UNIT_SYSTEMS[(UNIT_SYSTEMS.indexOf(unitSystem()) + 1) % UNIT_SYSTEMS.length]);
+    chooseUnits(next(UNIT_SYSTEMS, unitSystem()));
     show();
+    keepChoices();
     if (!tellUnits(page)) open();
   });
   show();
+  return show;
+}
+
+/** Test time or time of day, in views that show moments; where the time of day is not known, a press says why. */
+function bindTimeButton(button) {
+  let why = "";
+  button.addEventListener("click", () => {
+    if (why !== "") return tell(why);
+    chooseTime(next(TIMES, timeChoice()));
+    show();
+    keepChoices();
+    return open();
+  });
+  watchZero((state) => {
+    button.hidden = state === null;
+    why = state?.why ?? "";
+    show();
+    if (state === null || hasMoments) return;
+    hasMoments = true;
+    keepChoices();
+  });
+  return show;
+
+  function show() {
+    const name = why === "" ? timeChoice() : TIMES[0];
+    showChoice(button, "Time", name, name !== TIMES[0]);
+    button.ariaDisabled = String(why !== "");
+    button.title = why === "" ? "Test time, or time of day" : `Time of day is not available: ${why}`;
+    if (why !== "") button.setAttribute("aria-label", `Time: ${name}. ${button.title}.`);
+  }
+}
+
+function tell(why) {
+  const close = buttonOf("Close", () => dialog.close(), { autofocus: true });
+  const dialog = openDialog("Time of day is not available", [h("p", `${capital(why)}.`), h("div.row", close)]);
+}
+
+/** Units and time in the address of a view with moments, where they are not the usual ones. */
+function keepChoices() {
+  if (!hasMoments) return;
+  const address = createAddress();
+  address.set("units", unitSystem() === UNIT_SYSTEMS[0] ? null : unitSystem());
+  address.set("time", timeChoice() === TIMES[0] ? null : timeChoice());
+  address.write();
 }
 
 function showMe(me) {
@@ -156,7 +214,8 @@ part("[data-skip]").addEventListener("click", (event) => {
   page.focus();
 });
 const bar = createDemonstrationBar(part("#preparing"), { navigate });
-bindUnitsButton(part("#units"));
+const showUnits = bindUnitsButton(part("#units"));
+const showTime = bindTimeButton(part("#time"));
 bindThemeButton(part("#theme"));
 part("#logout").hidden = !document.cookie.split("; ").includes("forewarn-page=1");
 const [me] = await Promise.all([loadMe(), demonstration.follow(api)]);

@@ -9,8 +9,9 @@ from array import array
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
-from datetime import datetime
+from datetime import datetime, timedelta
 from functools import partial
+from math import isfinite
 from typing import Any, NamedTuple
 
 import msgspec
@@ -149,6 +150,7 @@ class LiveFlight(Flight):
         self._display = setup.display_attitude()
         self._keys = setup.monitor.dictionary.keys
         self._began = self._last_arrival = self.clock.now()
+        self._began_utc = self.clock.utc()
         self._settled = 0.0
         self._journal: Journal | None = None
         self.is_restoring = False
@@ -185,6 +187,7 @@ class LiveFlight(Flight):
             trim=self._setup.trim,
             begun=list(self._begun),
             resumed=self._n_resumed,
+            time_zero=self._time_zero(),
             needed=self.needed,
             names=self._setup.reader.names,
             conditions=[self._signal_of(key) for key in self.scorer.conditions],
@@ -204,6 +207,15 @@ class LiveFlight(Flight):
             doubts=[doubt.reason for doubt in self.doubts],
         )
 
+    def _time_zero(self) -> str:
+        if not isfinite(zero := self.scorer.zero):
+            return ""
+        try:
+            utc = datetime.fromisoformat(self._began_utc) + timedelta(seconds=zero)
+        except OverflowError:
+            return ""
+        return utc.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
     def start(self) -> None:
         self._open()
         self._record(self._header())
@@ -217,7 +229,7 @@ class LiveFlight(Flight):
         return {
             "format": FORMAT,
             "flight": self.id,
-            "began": self.clock.utc(),
+            "began": self._began_utc,
             "name": plan.name,
             "aircraft": self._setup.aircraft,
             "monitor": plan.monitor_id,
@@ -240,7 +252,8 @@ class LiveFlight(Flight):
         lines: of its journal.   stored, alarms, markers: newest sample and contents of its record.
         """
         header, *rest = lines
-        began, now = map(datetime.fromisoformat, (header["began"], self.clock.utc()))
+        self._began_utc = header["began"]
+        began, now = map(datetime.fromisoformat, (self._began_utc, self.clock.utc()))
         arrival = max((now - began).total_seconds(), float(rest[-1]["a"]) if rest else 0.0)
         self._began = self.clock.now() - arrival
         unrecorded = []

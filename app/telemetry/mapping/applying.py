@@ -6,7 +6,7 @@ from textwrap import shorten
 
 import numpy as np
 
-from app.telemetry.contents import Columns, Signal, release
+from app.telemetry.contents import Columns, Contents, Signal, release
 from app.telemetry.mapping.derivations import DERIVATIONS, derive
 from app.telemetry.mapping.group_times import dead_time, no_clock, repeated_time
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, rate_words
@@ -106,6 +106,15 @@ def part_of(mapping: Mapping, key: str) -> Mapping:
             way = DERIVATIONS.get(channels[name].derivation)
             wanted += (*way.needs, *way.helps) if way else ()
     return Mapping(channels, mapping.times)
+
+
+def time_zero(contents: Contents, mapping: Mapping) -> str:
+    """Zero of the channels' times as the file gives it, see `Contents.start`; "" if it does not."""
+    used = {source.signal for source in mapping.channels.values()}
+    groups = {contents.groups[s.group] for s in contents.signals if s.name in used}
+    times = {name: source.signal for name, source in mapping.times.items()}
+    is_known = all(group.time and times.get(group.name) == group.time for group in groups)
+    return contents.start if groups and is_known else ""
 
 
 def _read(columns: Columns, mapping: Mapping, key: str, times: dict[str, Array]) -> Trace:

@@ -51,7 +51,9 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
 
         table = SignalTable((), tuple(columns), file.metadata.num_rows, pieces)
         write_tables([table], writer, ignored)
-        return writer.finish("parquet", start=clock.start(), ignored=ignored)
+        kinds = [file.schema_arrow.field(column.name).type for column in columns if column.time]
+        start = clock.start() if any(map(is_moment, kinds)) else ""
+        return writer.finish("parquet", start=start, ignored=ignored)
 
 
 def _columns(schema: pa.Schema, ignored: list[str]) -> list[Column]:

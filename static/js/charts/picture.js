@@ -8,6 +8,7 @@
  * valuesOf(strips, cells) -> CSV text     a row for each cell in view; least and greatest value where a cell has several samples
  */
 
+import { dayClock, formatTime } from "../lib/clock.js";
 import { h } from "../lib/dom.js";
 import { shownIn } from "../lib/numbers.js";
 import { GUTTER } from "./layout.js";
@@ -142,12 +143,14 @@ export function valuesOf(strips, { cells, from, to }) {
   const columns = strips.map((strip) => ({ read: cells.series(strip.key), ...shownIn(strip), key: strip.key }));
   const ends = cells.sparse ? [""] : [" least", " greatest"];
   const head = columns.flatMap(({ key, unit }) => ends.map((end) => `${key}${end}${unit && ` [${unit}]`}`));
-  const rows = [["t [s]", ...head].map(quoted).join(",")];
+  const clock = dayClock();
+  const times = ["t [s]", ...(clock === null ? [] : [`time of day${clock.name === "UTC" ? " (UTC)" : ""}`])];
+  const rows = [[...times, ...head].map(quoted).join(",")];
   for (let i = 0; i < cells.n; i++) {
     const t = cells.t(i);
     if (t < from || t > to) continue;
     const values = columns.flatMap(({ read, factor }) => (read(i, out) ? ends.map((_, k) => Number((out[k] * factor).toPrecision(7))) : ends.map(() => "")));
-    rows.push([Number(t.toPrecision(9)), ...values].join(","));
+    rows.push([Number(t.toPrecision(9)), ...(clock === null ? [] : [formatTime(t, 0.001)]), ...values].join(","));
   }
   return `${rows.join("\r\n")}\r\n`;
 }

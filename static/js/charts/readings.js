@@ -17,9 +17,10 @@
  *   before, otherwise   words before the values at A and B; words where neither is set
  */
 
+import { secondsText } from "../lib/clock.js";
 import { formatted, h, put } from "../lib/dom.js";
 import { isBeyond, limitText } from "../lib/limits.js";
-import { figure, formatTime, formatValue, reading, shownIn } from "../lib/numbers.js";
+import { figure, formatValue, reading, shownIn } from "../lib/numbers.js";
 
 const LONG = 6; // letters of a symbol
 export const NOTHING = { low: NaN, high: NaN };
@@ -117,7 +118,7 @@ function createReadout(element, strip, large) {
     put(badge, latch.hidden ? "ALERT" : "LIMIT");
     if (exceeded === null) return;
     const { t, value: peak } = exceeded;
-    put(latch, `${peak < 0 ? "▼" : "▲"} ${formatTime(t, 0.01)} s, peak ${reading(strip, peak)}`);
+    put(latch, `${peak < 0 ? "▼" : "▲"} ${secondsText(t)}, peak ${reading(strip, peak)}`);
   }
 
   return { show };
@@ -146,10 +147,10 @@ function details(strip, { a, b, before = "", otherwise = "" }) {
 
 function cursorsText({ a, b }, cursor) {
   const parts = [];
-  if (Number.isFinite(a)) parts.push(`A ${formatTime(a, 0.001)} s`);
-  if (Number.isFinite(b)) parts.push(`B ${formatTime(b, 0.001)} s`);
+  if (Number.isFinite(a)) parts.push(`A ${secondsText(a, 0.001)}`);
+  if (Number.isFinite(b)) parts.push(`B ${secondsText(b, 0.001)}`);
   if (parts.length === 2) parts.push(`Δt ${formatValue(b - a)} s`);
   if (parts.length === 0 && Number.isFinite(cursor))
-    parts.push(`cursor ${formatTime(cursor, 0.001)} s`);
+    parts.push(`cursor ${secondsText(cursor, 0.001)}`);
   return parts.join("   ");
 }

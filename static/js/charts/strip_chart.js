@@ -25,9 +25,10 @@
  */
 
 import { createAddress } from "../lib/address.js";
+import { dayClock, formatTime, intervalText } from "../lib/clock.js";
 import { button, h } from "../lib/dom.js";
 import { addDrawer } from "../lib/draw_loop.js";
-import { formatTime, moment, shownIn } from "../lib/numbers.js";
+import { moment, shownIn } from "../lib/numbers.js";
 import { createCrossPanel } from "./cross/cross_panel.js";
 import { attachControls } from "./input.js";
 import { createSheet, GUTTER } from "./layout.js";
@@ -137,7 +138,7 @@ export function createStripChart(host, options) {
       sheet.draw(frame);
       return { canvas, name };
     });
-    return pictureOf({ title, words: [intervalOf(frame.view), `saved ${moment(new Date().toISOString())}`, location.host + location.hash.split("?")[0]].join(" · "), palette, sheets });
+    return pictureOf({ title, words: [intervalText(frame.view.start, frame.view.end, 0.01) + (dayClock() === null ? " s" : ""), `saved ${moment(new Date().toISOString())}`, location.host + location.hash.split("?")[0]].join(" · "), palette, sheets });
   }
 
   function columnsNow() {
@@ -179,6 +180,7 @@ export function createStripChart(host, options) {
   };
   const resizing = new ResizeObserver(remeasure);
   resizing.observe(host);
+  resizing.observe(layout.rows); // the tool bar takes more lines or fewer
   layout.onfold = remeasure;
   const unwatch = watchTheme(host, () => {
     setPalette();
@@ -211,13 +213,12 @@ function nameOf(strip) {
   return [symbol, label !== symbol && label, unit && `[${unit}]`].filter(Boolean).join("  ");
 }
 
-const intervalOf = ({ start, end }) => `${formatTime(start, 0.01)} to ${formatTime(end, 0.01)} s`;
-
 /** Round times about 90 px apart. */
 function timeTicks(start, end, width) {
   const least = ((end - start) * 90) / width;
   const step = STEPS.find((candidate) => least > 5 && candidate >= least) ?? roundStep(least);
-  return { times: roundTicks(start, end, step), step };
+  const zero = dayClock()?.seconds ?? 0;
+  return { times: roundTicks(start + zero, end + zero, step).map((t) => t - zero), step };
 }
 
 /** Below the strips: round times, and flags on the cursors. */
@@ -227,7 +228,7 @@ function createTimeAxis(canvas) {
 
   function draw(frame) {
     const { ticks } = frame;
-    sheet.clear("t [s]");
+    sheet.clear(dayClock()?.name ?? "t [s]");
     pen.textAlign = "center";
     for (const t of ticks.times) {
       const at = frame.x(t);

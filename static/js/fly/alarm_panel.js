@@ -18,6 +18,7 @@
  */
 
 import { needs, reason } from "../lib/api.js";
+import { secondsText } from "../lib/clock.js";
 import { errorLine, formatted, h, put } from "../lib/dom.js";
 import { sentence } from "../lib/monitors.js";
 import { counted, figure, leadSeconds, magnitudeIn, quantity, riskText } from "../lib/numbers.js";
@@ -97,7 +98,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   /** Never calm after an exceedance, also where someone has acknowledged it. */
   function quietWords() {
     if (!isLinked) return "◆ Not connected: new alarms cannot arrive. ";
-    return Number.isFinite(exceededT) ? `◆ LIMIT EXCEEDED first at ${exceededT.toFixed(2)} s, acknowledged. ` : "No unacknowledged alarms. ";
+    return Number.isFinite(exceededT) ? `◆ LIMIT EXCEEDED first at ${secondsText(exceededT)}, acknowledged. ` : "No unacknowledged alarms. ";
   }
 
   function promised() {
@@ -116,7 +117,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     const first = alike.reduce((earliest, alarm) => (alarm.t < earliest.t ? alarm : earliest));
     const { t, p_value: risk, kind, exceedance, reason: why } = first;
     const value = risk === null ? "" : ` ${riskText(risk, flight.alertAbove)}`;
-    const at = alike.length > 1 ? `first at ${t.toFixed(2)} s, ${alike.length} alarms` : `at ${t.toFixed(2)} s`;
+    const at = alike.length > 1 ? `first at ${secondsText(t)}, ${alike.length} alarms` : `at ${secondsText(t)}`;
     const more = others > 0 ? `, and ${counted(others, "more alarm")}` : "";
     const goesOn = kind === "stale" && stale !== "" ? { reason: stale } : {};
     if (kind in CAUTION_WORDS) return `${cautionText({ ...first, ...goesOn }, ` ${at}`)}${more}`;

@@ -15,6 +15,7 @@
 import { labelled, numberInput, select } from "../forms/controls.js";
 import { may } from "../lib/api.js";
 import { loadCatalog } from "../lib/catalog.js";
+import { secondsText } from "../lib/clock.js";
 import { askToConfirm, formatted, h } from "../lib/dom.js";
 import { limitsInWords, withLimits } from "../lib/limits.js";
 
@@ -73,7 +74,7 @@ export function createFlightLimits(element, { api, path }) {
     words.replaceChildren(
       h("strong", {}, unknown ? "◆ LIMITS UNKNOWN: " : "Limits in force: "),
       formatted(unknown ? `${whyUnknown(limits)} · ${version}` : `${version}, ${limits.case}: ${known}`),
-      h("span", { class: "dim" }, ` · put in force by ${limits.by} at ${limits.t.toFixed(2)} s`),
+      h("span", { class: "dim" }, ` · put in force by ${limits.by} at ${secondsText(limits.t)}`),
     );
   }
 
@@ -92,7 +93,7 @@ export const whyUnknown = ({ reason }) => reason.replace(/^limits unknown: /, ""
 
 export function putLines(put) {
   return put.map(({ name, version, by, t, created, fixed }) =>
-    h("p", { class: "ahead-summary" }, h("strong", {}, "Limits: "), `${name} version ${version}${declared(fixed)}, put in force by ${by} at ${t.toFixed(2)} s, ${created.slice(11, 19)} UTC.`));
+    h("p", { class: "ahead-summary" }, h("strong", {}, "Limits: "), `${name} version ${version}${declared(fixed)}, put in force by ${by} at ${secondsText(t)}, ${created.slice(11, 19)} UTC.`));
 }
 
 export function declared(fixed) {

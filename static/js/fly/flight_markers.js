@@ -15,6 +15,7 @@
  */
 
 import { needs, reason } from "../lib/api.js";
+import { secondsText } from "../lib/clock.js";
 import { button, errorLine, h, put } from "../lib/dom.js";
 import { capital } from "../lib/numbers.js";
 import { LEVEL_OF } from "./headline.js";
@@ -49,7 +50,7 @@ export function createFlightMarkers({ buttons, events, last, refused, entry }, {
     function open() {
       if (!entry.hidden || document.querySelector("dialog[open]") !== null) return;
       t = now();
-      put(when, t === null ? "before the first sample" : `${t.toFixed(2)} s`);
+      put(when, t === null ? "before the first sample" : secondsText(t));
       failure.show("");
       entry.hidden = false;
       text.focus();
@@ -115,7 +116,7 @@ export function createFlightMarkers({ buttons, events, last, refused, entry }, {
     last.hidden = false;
     last.dataset.level = LEVEL_OF[shown.level];
     last.title = markerText(shown);
-    put(last, `${shown.word} at ${shown.t.toFixed(2)} s, by ${shown.by}${set.every(({ stored }) => stored) ? "" : " · not stored yet"}`);
+    put(last, `${shown.word} at ${secondsText(shown.t)}, by ${shown.by}${set.every(({ stored }) => stored) ? "" : " · not stored yet"}`);
     if (marker.kind === refused.dataset.kind) refused.hidden = true; // set after all, by anyone
     if (isNew) heard(marker);
     return isNew;
@@ -126,7 +127,7 @@ export function createFlightMarkers({ buttons, events, last, refused, entry }, {
 
 export function markerText({ word, meaning, t, created, by, text, level }) {
   const what = level === "none" ? `${word}: ${text}` : `${word} (${meaning})`;
-  return `${what} at ${t.toFixed(2)} s, ${created.slice(11, 19)} UTC, by ${by}${text && level !== "none" ? `: ${text}` : ""}`;
+  return `${what} at ${secondsText(t)}, ${created.slice(11, 19)} UTC, by ${by}${text && level !== "none" ? `: ${text}` : ""}`;
 }
 
 /** For the event list and the strips. */

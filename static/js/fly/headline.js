@@ -13,6 +13,7 @@
  * staleText(cause, age)          why it is stale, and the age of the newest sample [s], NaN if unknown
  */
 
+import { secondsText } from "../lib/clock.js";
 import { shownState, withdrawnWord } from "../lib/states.js";
 
 const WORST_FIRST = ["exceeding", "alarm", "risk", "stale", "invalid", "caution", "warming_up", "not_assessed", "not_calibrated", "exceeded", "no_alert", "ok"];
@@ -93,5 +94,5 @@ function worstOf({ status, exceeded_t: t }, cause = null) {
 
 /** Also shown after a seek to before the exceedance. */
 function exceededAt(t) {
-  return `${WORDS.exceeded} first at ${t.toFixed(2)} s`;
+  return `${WORDS.exceeded} first at ${secondsText(t)}`;
 }

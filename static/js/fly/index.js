@@ -1,8 +1,11 @@
 /** Fly: start a flight, watch one in progress, read the record of one that has ended. */
 
 import { reason } from "../lib/api.js";
+import { setZero } from "../lib/clock.js";
 import { h, state } from "../lib/dom.js";
+import { NO_CLOCK } from "../recordings/words.js";
 import { showLiveFlight } from "./live_flight.js";
+import { liveZero } from "./panels.js";
 import { showFlightRecord } from "./record.js";
 import { showSessionCheck } from "./session_check.js";
 import { showFlightStart } from "./start.js";
@@ -38,6 +41,8 @@ export function show(element, context) {
         timer = setTimeout(open, SOON, why); // its record is being completed
         return;
       }
+      setZero(...(await zeroOf(api, flight)));
+      if (closed) return;
       if (flight.progress === "running") replace(showLiveFlight, { over: open });
       else replace(showFlightRecord, { flight, why, reopen: open });
     } catch (error) {
@@ -63,4 +68,17 @@ export function show(element, context) {
       part.close();
     },
   };
+}
+
+/** When its time is 0, and why that is not known. */
+async function zeroOf(api, { source, live }) {
+  if (source.kind === "live") return liveZero(live);
+  if (!["recording", "journal"].includes(source.kind)) return ["", "the flight is simulated"];
+  try {
+    if (source.kind === "journal") return liveZero((await api.get(`/flights/${source.flight_id}`)).live);
+    const { time_zero: zero } = await api.get(`/recordings/${source.recording}/scorings/${source.scoring}`);
+    return [zero, NO_CLOCK];
+  } catch (error) {
+    return ["", `what is replayed could not be read (${reason(error)})`];
+  }
 }

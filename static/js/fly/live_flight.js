@@ -8,6 +8,7 @@
 
 import { createAddress } from "../lib/address.js";
 import { reason } from "../lib/api.js";
+import { setZero } from "../lib/clock.js";
 import { askToConfirm, button, h, put, state as stateOf } from "../lib/dom.js";
 import { addDrawer } from "../lib/draw_loop.js";
 import { createEventList } from "../lib/event_list.js";
@@ -23,7 +24,7 @@ import { createFlightMarkers, markerNote } from "./flight_markers.js";
 import { alertLevel, createSetLine, inUse, useNote, withoutLimits } from "./flight_monitors.js";
 import { isStale, LEVEL_OF, partsOf, staleText, textOf } from "./headline.js";
 import { createLivePanel } from "./live_panel.js";
-import { acknowledgementOf, alertText, createFlightPanels, recordedFlag, sourceText } from "./panels.js";
+import { acknowledgementOf, alertText, createFlightPanels, liveZero, recordedFlag, sourceText } from "./panels.js";
 import { createReplayNotes } from "./playback/replay_notes.js";
 import { createFollowing } from "./playback/following.js";
 import { createTransportBar } from "./playback/transport_bar.js";
@@ -278,6 +279,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
 
   function onLive(live) {
     hello.live = live;
+    setZero(...liveZero(live));
     if (panels.problem.hidden && live.problem !== "") tone.caution();
     source.update(live, hello);
     address.describe({ ...hello, live });

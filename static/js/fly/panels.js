@@ -2,6 +2,7 @@
  * The panels of a flight on the page, and words that several of them share.
  *
  * createFlightPanels(element) -> {name: element}     view: holds the others.   refused: of a marker that was not set
+ * liveZero(live)    for setZero of ../lib/clock.js
  * windowOf({duration, lead}) -> s     width of the strips; a short flight fills them
  * cautionText({kind, reason}, at)     "NOT APPLICABLE at 3.4 s: ..."; at: time in words
  * waitingOf(alarms) -> {warnings, cautions}    the unacknowledged ones
@@ -9,6 +10,7 @@
  * recordedFlag(alarm) -> {key, t, word} | null    mark of an exceedance as recorded, not from trim
  */
 
+import { secondsText } from "../lib/clock.js";
 import { h } from "../lib/dom.js";
 import { quantity, riskText } from "../lib/numbers.js";
 import { reasonOf, withdrawnWord } from "../lib/states.js";
@@ -58,6 +60,12 @@ export function createFlightPanels(element) {
   return panels;
 }
 
+/** When the time of a live source is 0, and why that is not known. */
+export function liveZero(live) {
+  if (live === null) return ["", "the server was killed during the flight, and did not keep it"];
+  return [live.time_zero ?? "", live.batches > 0 ? "the server did not keep it" : "no sample has arrived yet"];
+}
+
 /** Seconds of the strips: the source's, or of a live one those of the planned manoeuvre and of what went before. */
 export function windowOf({ duration, planned_s: planned = null, lead }) {
   const length = duration ?? BEFORE * (planned ?? WIDEST);
@@ -75,7 +83,7 @@ export function alertText(alarm, alertAbove, channels) {
 
 export function acknowledgementOf({ t, number, level, by, raised, acknowledged }, isLive) {
   const what = level === "caution" ? "caution" : "alarm";
-  const text = `${what} ${number} (${t.toFixed(2)} s) acknowledged by ${by}`;
+  const text = `${what} ${number} (${secondsText(t)}) acknowledged by ${by}`;
   const at = isLive ? t + (Date.parse(acknowledged) - Date.parse(raised)) / 1000 : t;
   return { t, at, when: `${acknowledged.slice(11, 19)} UTC`, text, seen: true };
 }

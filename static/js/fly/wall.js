@@ -17,9 +17,10 @@
  *     widest: limits by key in place of the channels' own, beyond which alone a channel is given; null for none
  */
 
+import { secondsText } from "../lib/clock.js";
 import { button, formatted, h, put } from "../lib/dom.js";
 import { isBeyond, limitsOf, limitText, marginOf, withLimits } from "../lib/limits.js";
-import { magnitudeIn, quantity, secondsText } from "../lib/numbers.js";
+import { magnitudeIn, quantity } from "../lib/numbers.js";
 import { showMode } from "./status_strip.js";
 import { SOUND_WORDS } from "./tone.js";
 

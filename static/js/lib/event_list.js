@@ -8,8 +8,9 @@
  *     when: shown in place of t. A repeated event (in a loop) is counted, not listed again; `seen` is not counted
  */
 
+import { secondsText } from "./clock.js";
 import { formatted, h, put } from "./dom.js";
-import { secondsText } from "./numbers.js";
+import { followUnits } from "./numbers.js";
 
 const SAME = 1e-6; // s
 
@@ -58,9 +59,9 @@ export function createEventList(element, { go, label = "Events, newest first", m
       place(again);
       return;
     }
-    const count = h("span.event-count");
+    const [time, count] = [h("span.event-time"), h("span.event-count")];
     const parts = [
-      h("span.event-time", when ?? (t === null ? "" : secondsText(t))),
+      followUnits(time, () => put(time, when ?? (t === null ? "" : secondsText(t)))),
       h("span.event-text", text.split(/(\s+)/).map(formatted)),
       count,
     ];

@@ -4,14 +4,15 @@
  * value is a dash.
  *
  * counted(n, "row")    "1 row", "2,000 rows"; counted(n, "batch", "batches")
- * formatTime(t, step)    "12.50", "3:05" from two minutes on, "1:03:05" from an hour on; as fine as `step` [s] needs
  * riskText(risk, alertAbove)    more digits where rounding would put the risk on the wrong side of the alert level
  * leadSeconds(lead)    [s], rounded down.   rounded(number): to as many digits as people write
  * trueMinus(text)      a sentence of the server with "−4.66" for "-4.66"
+ * useUnits(name)    until another choice; chooseUnits(name)    also remembered
  * shownIn(channel) -> {unit, factor, decimals}     factor times the value in `unit`; a channel as the server publishes it
  * quantity(channel, value)     a reading with its unit;   magnitudeIn(channel, value)   a limit, without trailing zeros
  * decimal("0,05")    as people type it; NaN where it is none.   decimals("0,05 0.1") -> ["0.05", "0.1"], as Number reads them
  * followUnits(element, draw) -> element     draws now, and again when other units are chosen
+ * redrawUnits(page)    draws the followers again
  * tellUnits(page) -> bool    redraws the followers on a page with input to keep ([data-keeps-input]);
  *     false on any other page, which must be opened again
  */
@@ -66,19 +67,6 @@ export function formatValue(value, decimals = 3) {
   return value < 0 && Number(text) !== 0 ? `−${text}` : text;
 }
 
-export function formatTime(t, step) {
-  const sign = t < 0 ? "−" : "";
-  const size = Math.abs(t);
-  const places = step >= 1 ? 0 : Math.min(3, Math.ceil(-Math.log10(step)));
-  if (size < 120) return sign + size.toFixed(places);
-  const total = size.toFixed(places);
-  const minutes = Math.floor(Number(total) / 60);
-  const rest = (Number(total) - 60 * minutes).toFixed(places);
-  const seconds = rest.padStart(places > 0 ? places + 3 : 2, "0");
-  if (minutes < 60) return `${sign}${minutes}:${seconds}`;
-  return `${sign}${Math.floor(minutes / 60)}:${String(minutes % 60).padStart(2, "0")}:${seconds}`;
-}
-
 export function riskText(risk, alertAbove) {
   for (let places = risk < 0.1 ? 3 : 2; places < 6; places++) {
     const text = risk.toFixed(places);
@@ -91,10 +79,6 @@ export function leadSeconds(lead, decimals = 3) {
   const parts = 10 ** decimals;
   const down = Math.floor(parts * (lead + 1e-6)) / parts;
   return decimals === 3 ? String(down) : down.toFixed(decimals);
-}
-
-export function secondsText(t) {
-  return t == null ? "–" : `${formatTime(t, 0.01)} s`;
 }
 
 export function durationText(seconds) {
@@ -126,8 +110,12 @@ let system = UNIT_SYSTEMS.find((name) => name === remembered(KEY)) ?? UNIT_SYSTE
 
 export const unitSystem = () => system;
 
+export function useUnits(name) {
+  if (UNIT_SYSTEMS.includes(name)) system = name;
+}
+
 export function chooseUnits(name) {
-  system = name;
+  useUnits(name);
   remember(KEY, name);
 }
 
@@ -138,9 +126,13 @@ export function followUnits(element, draw) {
   return element;
 }
 
+export function redrawUnits(page) {
+  for (const follower of page.querySelectorAll("[data-units]")) follower.dispatchEvent(new Event("units"));
+}
+
 export function tellUnits(page) {
   if (page.querySelector("[data-keeps-input]") === null) return false;
-  for (const follower of page.querySelectorAll("[data-units]")) follower.dispatchEvent(new Event("units"));
+  redrawUnits(page);
   return true;
 }
 

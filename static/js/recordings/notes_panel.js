@@ -7,8 +7,8 @@
 
 import { textInput } from "../forms/controls.js";
 import { needs } from "../lib/api.js";
+import { secondsText } from "../lib/clock.js";
 import { button, errorLine, h, put } from "../lib/dom.js";
-import { secondsText } from "../lib/numbers.js";
 import { keepDraft } from "../lib/storage.js";
 
 const LONGEST = 2000;

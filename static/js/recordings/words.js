@@ -1,10 +1,13 @@
 /** Words, levels and signs for recordings and scorings. */
 
+import { secondsText } from "../lib/clock.js";
 import { chip, formatted, h } from "../lib/dom.js";
-import { figure, leadSeconds, quantity, riskText, secondsText } from "../lib/numbers.js";
+import { figure, leadSeconds, quantity, riskText } from "../lib/numbers.js";
 import { TRIM_SEGMENT } from "./scoring/source.js";
 
 const MOST_NAMED = 6;
+export const NO_CLOCK = "the file gives neither date nor clock for these times";
+
 export const AS_RECORDED = "LIMIT AS RECORDED"; // an exceedance as recorded that is none relative to trim
 
 const MAPPING_STATES = {

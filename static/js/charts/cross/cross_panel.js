@@ -10,9 +10,9 @@
 
 import { reason } from "../../lib/api.js";
 import { channelName } from "../../lib/catalog.js";
+import { secondsText } from "../../lib/clock.js";
 import { button, h, piecesOf, put } from "../../lib/dom.js";
 import { isLimited } from "../../lib/limits.js";
-import { formatTime } from "../../lib/numbers.js";
 import { limitsAt, stripOf } from "../strips.js";
 import { createCrossPlot } from "./cross_plot.js";
 
@@ -139,7 +139,7 @@ export function createCrossPanel({ channels, strips, dt, simulated, address, cha
   function drawOn(drawing, { pair }, { cursor, tip, trail, word, wall }) {
     const to = Number.isFinite(cursor) ? cursor : tip;
     const [x, y] = pair.map((key) => limitsNow(key, to));
-    const old = Number.isFinite(cursor) ? `AT ${formatTime(cursor, 0.01)} s` : "";
+    const old = Number.isFinite(cursor) ? `AT ${secondsText(cursor)}` : "";
     drawing.draw({ trail, from: to - seconds, to, word, at: old, limits: { x, y }, wall });
   }
 

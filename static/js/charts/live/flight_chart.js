@@ -35,6 +35,7 @@
  * isCurrent(ahead, t)    whether it was made by the sample at t [s] or shortly before
  */
 
+import { secondsText } from "../../lib/clock.js";
 import { limitsByKey, limitsOf, widest } from "../../lib/limits.js";
 import { leadSeconds, quantity, reading } from "../../lib/numbers.js";
 import { STATE_WORDS, stripState, WITHDRAWN } from "../../lib/states.js";
@@ -353,7 +354,7 @@ function createSource({ strips, ring, seriesOf, intake, timeline, alertAbove, le
     ];
     if (strip.risk && intake.status.alert && known && !stale) parts.push("alert");
     const exceedance = latchedOf(strip);
-    if (exceedance) parts.push(`limit exceeded at ${exceedance.t.toFixed(2)} s`);
+    if (exceedance) parts.push(`limit exceeded at ${secondsText(exceedance.t)}`);
     return parts;
   }
 

@@ -27,9 +27,10 @@
 
 import { createAddress, keepWindow } from "../../lib/address.js";
 import { reason } from "../../lib/api.js";
+import { intervalText } from "../../lib/clock.js";
 import { button, h } from "../../lib/dom.js";
 import { limitsByKey, widest } from "../../lib/limits.js";
-import { durationText, formatTime, formatValue, shownIn } from "../../lib/numbers.js";
+import { durationText, formatValue, shownIn } from "../../lib/numbers.js";
 import { layOut } from "../layout.js";
 import { NOTHING, rangeText } from "../readings.js";
 import { createStripChart } from "../strip_chart.js";
@@ -248,7 +249,7 @@ function createSource(sources, { strips, timeWindow, dt, end, alertAbove = NaN, 
   function bar({ start, end }) {
     const seconds = end - start;
     const length = seconds < 120 ? `${formatValue(seconds)} s` : durationText(seconds);
-    const interval = `${formatTime(start, 0.1)} to ${formatTime(end, 0.1)} (${length})`;
+    const interval = `${intervalText(start, end, 0.1)} (${length})`;
     return { mode: null, interval };
   }
 

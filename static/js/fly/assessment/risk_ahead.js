@@ -9,9 +9,10 @@
  * summaryLines(monitors, frames) -> elements     each monitor's result on an ended flight
  */
 
+import { secondsText } from "../../lib/clock.js";
 import { shownState, STATE_WORDS, withdrawnWord } from "../../lib/states.js";
 import { h, put } from "../../lib/dom.js";
-import { formatTime, leadSeconds, riskText } from "../../lib/numbers.js";
+import { leadSeconds, riskText } from "../../lib/numbers.js";
 
 const share = (risk) => `${100 * Math.sqrt(Math.min(1, Math.max(0, risk)))}%`; // as on the gauge
 
@@ -92,7 +93,7 @@ export function summaryLines(monitors, frames) {
       if (alert) first ??= frame.t;
     }
     const threshold = monitor.alert_above;
-    const alerted = first === null ? `never above ${threshold}` : `first above ${threshold} at ${formatTime(first, 0.01)} s`;
+    const alerted = first === null ? `never above ${threshold}` : `first above ${threshold} at ${secondsText(first)}`;
     const words = highest < 0 ? "nothing was assessed" : `${alerted}, highest risk ${riskText(highest, threshold)}`;
     return h("p", { class: "ahead-summary" }, h("strong", {}, `${leadSeconds(monitor.lead)} s ahead: `), `${monitor.name}, ${rolesOf(monitor)}: ${words}.`);
   });

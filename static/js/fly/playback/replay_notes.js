@@ -9,6 +9,7 @@
  */
 
 import { may, needs, reason } from "../../lib/api.js";
+import { secondsText } from "../../lib/clock.js";
 import { button, errorLine, h, put } from "../../lib/dom.js";
 import { keepDraft } from "../../lib/storage.js";
 import { readScoring } from "../../recordings/scoring/source.js";
@@ -77,7 +78,7 @@ export function createReplayNotes({ api, source, now, add: addEvent, marked, fai
   function write() {
     if (!may(NOTE)) return;
     at = now();
-    put(when, `${at.toFixed(2)} s`);
+    put(when, secondsText(at));
     failure.show("");
     form.hidden = false;
     text.focus();

@@ -2,6 +2,7 @@
 
 import { select } from "../../forms/controls.js";
 import { loadCatalog, testWords } from "../../lib/catalog.js";
+import { setZero } from "../../lib/clock.js";
 import { button, errorLine, h, link, loadingView, pageOf } from "../../lib/dom.js";
 import { warningWords } from "../../lib/monitors.js";
 import { figure, followUnits } from "../../lib/numbers.js";
@@ -19,6 +20,7 @@ export function showComparedScorings(element, { id, query, api, navigate }) {
   async function build({ keep }, catalog, recordings, monitors) {
     const planned = new Map(monitors.map((monitor) => [monitor.id, testWords(catalog, monitor)]));
     const compared = await Promise.all(references.map(read));
+    setZero("", "several recordings have several times of day");
     const overlay = keep(createOverlay({ api, compared }));
     const table = h("div");
     const tabulate = () => table.replaceChildren(compareTable(compared, { remove: compared.length > 1 ? remove : null }));

@@ -2,9 +2,10 @@
 
 import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
 import { select } from "../../forms/controls.js";
+import { secondsText } from "../../lib/clock.js";
 import { h, panel } from "../../lib/dom.js";
 import { limitsOf } from "../../lib/limits.js";
-import { figure, followUnits, secondsText } from "../../lib/numbers.js";
+import { figure, followUnits } from "../../lib/numbers.js";
 import { laneOf, manoeuvresOf } from "../scoring/events.js";
 import { scoringSource } from "../scoring/source.js";
 

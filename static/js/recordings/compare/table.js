@@ -6,9 +6,10 @@
  *     manoeuvres of one recording are matched by time, those of different recordings by order
  */
 
+import { secondsText } from "../../lib/clock.js";
 import { button, h, panel, recipeList, table } from "../../lib/dom.js";
 import { warningMark } from "../../lib/monitors.js";
-import { figure, secondsText } from "../../lib/numbers.js";
+import { figure } from "../../lib/numbers.js";
 import { earlierMapping } from "../mapping/changes.js";
 import { firstAlertText, leadText, outcomeChip, outsideLine, peakText, validityWords } from "../words.js";
 

@@ -7,7 +7,8 @@
  * scoringStarts(scoring) -> [{t, from}]     of manoeuvres, not of a recording as a whole; see ../../fly/manoeuvre_starts.js
  */
 
-import { magnitudeIn, quantity, riskText, secondsText } from "../../lib/numbers.js";
+import { secondsText } from "../../lib/clock.js";
+import { magnitudeIn, quantity, riskText } from "../../lib/numbers.js";
 import { STATE_WORDS } from "../../lib/states.js";
 import { AS_RECORDED, measuredBy } from "../words.js";
 

@@ -4,6 +4,7 @@ import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
 import { createSimulated } from "../../charts/simulated.js";
 import { foldedPanel } from "../../forms/controls.js";
 import { needs } from "../../lib/api.js";
+import { setZero } from "../../lib/clock.js";
 import {
   button,
   chip,
@@ -26,7 +27,7 @@ import { count, figure, followUnits, formatValue, magnitude, magnitudeIn, moment
 import { isWithUnit } from "../mapping/signal_select.js";
 import { createNotesPanel, laneOfMarkers } from "../notes_panel.js";
 import { createTrainingOffer } from "../training_offer.js";
-import { alertRule, outcomeChip, outsideChip, trimText } from "../words.js";
+import { alertRule, NO_CLOCK, outcomeChip, outsideChip, trimText } from "../words.js";
 import { eventsOf, flagsOf, laneOf, limitsInForceOf, manoeuvresOf, scoringStarts } from "./events.js";
 import { scoringSource, TRIM_SEGMENT } from "./source.js";
 import { createVerdictTable } from "./verdict_table.js";
@@ -43,6 +44,7 @@ export function showScoring(element, { id, query, api, navigate }) {
   return loadingView(element, { title: "Scored recording", text: "Opening the scoring", loads, build });
 
   function build({ keep }, recording, scoring, monitors, scorings) {
+    setZero(scoring.time_zero, NO_CLOCK);
     const display = displayOf(scoring, monitors, scorings);
     const { manoeuvres } = scoring;
     const host = h("div.scored-chart");

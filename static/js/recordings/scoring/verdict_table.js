@@ -1,8 +1,9 @@
 /** Table of manoeuvres: outcome, warning lead time against the promised one, applicability.   show(k): one was chosen */
 
 import { select } from "../../forms/controls.js";
+import { secondsText } from "../../lib/clock.js";
 import { chip, formatted, h, sentences, table } from "../../lib/dom.js";
-import { percent, quantity, secondsText } from "../../lib/numbers.js";
+import { percent, quantity } from "../../lib/numbers.js";
 import { firstAlertText, leadText, measuredBy, outcomeChip, outsideLine, peakText, validityWords } from "../words.js";
 
 const OPEN = 3; // up to this many manoeuvres, all reasons are unfolded

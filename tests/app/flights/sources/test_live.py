@@ -4,6 +4,7 @@ import asyncio
 import json
 import socket
 from collections.abc import Callable, Coroutine
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -135,6 +136,25 @@ def test_a_flight_of_a_killed_server_goes_on_with_the_same_bits(tmp_path: Path) 
         newest = recorder.waiting(40, 40)[0].assessment
         assert newest.p_value == expected[40].p_value
         await flight.stop("enough")
+
+    flown(fly, tmp_path)
+
+
+def test_the_source_began_at_the_arrival_of_its_fastest_sample_less_its_time(
+    tmp_path: Path,
+) -> None:
+    async def fly(live: Live, y: Array) -> None:
+        assert live.flight.live.time_zero == ""
+        began = datetime.fromisoformat(live.clock.utc())
+        live.clock.advance(2.0)
+        for k in range(5):
+            await live.push(k, y[k]).stored
+        fastest = timedelta(seconds=2.0 + DT - T[0])
+        zero = live.flight.live.time_zero
+        assert abs(datetime.fromisoformat(zero) - began - fastest) <= timedelta(milliseconds=1)
+        again = live.another(SilentRecorder(live.clock))
+        again.restore(lines_of(live.journals.path(again.id)), 4, [], [])
+        assert again.live.time_zero == zero
 
     flown(fly, tmp_path)
 

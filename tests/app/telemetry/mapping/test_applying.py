@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -6,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.recordings.answers import channel_bands
-from app.telemetry.mapping.applying import applicable, apply_mapping
+from app.telemetry.mapping.applying import applicable, apply_mapping, time_zero
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
 from app.telemetry.recording import TelemetryError
 from app.telemetry.targets import TARGETS
@@ -68,6 +69,21 @@ def test_channels_of_a_group_share_their_times_and_others_do_not(tmp_path):
     np.testing.assert_array_equal(channels["beta"].t, [0.0, 1.0, 2.0])
     assert (channels["p"].group, channels["beta"].group) == ("fast", "slow")
     assert list(channels) == ["beta", "p", "r"]
+
+
+@pytest.mark.parametrize(
+    ("time", "zero"),
+    [
+        (TimeSource("t", "s"), "15:35:50"),
+        (TimeSource("elapsed", "s"), ""),
+        (TimeSource(rate=10.0), ""),
+    ],
+)
+def test_the_zero_of_the_times_is_that_of_the_clock_they_are_read_from(tmp_path, time, zero):
+    signals = table(b=np.ones(50), elapsed=np.arange(50.0))
+    contents = replace(columns_of(tmp_path, signals, times={"": "t"}).contents, start="15:35:50")
+    assert time_zero(contents, mapping({"": time}, beta=ChannelSource("b", "rad"))) == zero
+    assert time_zero(contents, mapping({"": time})) == ""
 
 
 def test_infinities_are_missing(tmp_path):

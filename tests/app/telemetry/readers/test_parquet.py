@@ -129,3 +129,9 @@ def test_files_of_another_version_of_pandas_are_read(tmp_path):
     np.testing.assert_array_equal(columns.values("c"), [0, 86400, 172800])
     assert columns.contents.start == "2016-12-31T23:00:00Z"
     assert columns.contents.groups[0].time == "__index_level_1__"
+
+
+def test_a_moment_beside_another_time_is_no_zero_of_that_time(stored):
+    moments = pa.array(pd.to_datetime(["2024-05-01 09:30:01", "2024-05-01 09:30:02"]))
+    columns = stored(pa.table({"time": [7.0, 8.0], "landed": moments}))
+    assert (columns.contents.groups[0].time, columns.contents.start) == ("time", "")
