@@ -27,6 +27,7 @@ COMMANDS = {
     "push": "send a recording to a live flight, as a telemetry source does",
     "backup": "write the database and the recordings to one file; the server may run",
     "restore": "restore a backup, completely or not at all",
+    "copy-store": "copy a database to an empty one, SQLite or PostgreSQL",
     "token": "create, list and revoke access tokens",
     "audit": "print who changed what on a server, and when",
     "retain": "delete old flights and recordings by age and size, except those kept permanently",

@@ -14,7 +14,18 @@ from json import JSONDecodeError
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import URL, Connection, Engine, create_engine, event, inspect, make_url
+from sqlalchemy import (
+    URL,
+    Connection,
+    Engine,
+    Table,
+    create_engine,
+    event,
+    func,
+    inspect,
+    make_url,
+    select,
+)
 from sqlalchemy.exc import ArgumentError, DBAPIError, IntegrityError, NoSuchModuleError
 from sqlalchemy.exc import TimeoutError as NoConnection
 from sqlalchemy.pool import NullPool
@@ -118,16 +129,16 @@ def copy_database(url: URL, copy: Path, remedy: str) -> None:
         ) from error
 
 
-def make_engine(url: URL, *, foreign_keys: bool = True) -> Engine:
+def make_engine(url: URL, *, foreign_keys: bool = True, **json: Any) -> Engine:
     """Engine of a database; it opens nothing yet.
 
     foreign_keys: False while a migration rebuilds tables, whose rows would otherwise cascade.
+    json: other (de)serializers than those of the program.
     """
+    settings = {"json_serializer": to_text} | POOL | json
     if not is_sqlite(url):
-        return _make_postgresql(url)
-    engine = create_engine(
-        url, json_serializer=to_text, **POOL, connect_args={"timeout": BUSY_TIMEOUT_MS / 1000}
-    )
+        return _make_postgresql(url, settings)
+    engine = create_engine(url, **settings, connect_args={"timeout": BUSY_TIMEOUT_MS / 1000})
 
     @event.listens_for(engine, "connect")
     def prepare(connection: sqlite3.Connection, record: Any) -> None:
@@ -151,9 +162,9 @@ def make_engine(url: URL, *, foreign_keys: bool = True) -> Engine:
     return engine
 
 
-def _make_postgresql(url: URL) -> Engine:
+def _make_postgresql(url: URL, settings: dict[str, Any]) -> Engine:
     """An engine whose transactions are as SQLite's: one writer at a time, one state to readers."""
-    engine = create_engine(url, json_serializer=to_text, **POOL, isolation_level="REPEATABLE READ")
+    engine = create_engine(url, **settings, isolation_level="REPEATABLE READ")
 
     @event.listens_for(engine, "begin")
     def begin(connection: Connection) -> None:
@@ -300,6 +311,17 @@ def check_pages(
             lines += _lines_of(connection, pragma)
             rest()
     return lines
+
+
+def continue_numbers(connection: Connection, tables: Iterable[Table]) -> None:
+    """Let PostgreSQL number new rows after those that were inserted with their number."""
+    if connection.dialect.name == "sqlite":
+        return
+    for table in tables:
+        if (column := table.autoincrement_column) is not None:
+            newest = select(func.coalesce(func.max(column), 0) + 1).scalar_subquery()
+            sequence = func.pg_get_serial_sequence(table.name, column.name)
+            connection.execute(select(func.setval(sequence, newest, False)))
 
 
 def table_names(engine: Engine) -> list[str]:

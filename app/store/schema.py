@@ -9,7 +9,7 @@ from threading import Lock
 from typing import TYPE_CHECKING
 
 from sqlalchemy import URL, Connection, inspect
-from sqlalchemy.exc import DBAPIError
+from sqlalchemy.exc import DBAPIError, IntegrityError
 
 from app.store.database import (
     StoreError,
@@ -113,13 +113,22 @@ def bring_up_to_date(url: URL) -> None:
             config = configuration()
             config.attributes["connection"] = connection
             if not inspect(connection).get_table_names():  # another process may have made them
-                metadata.create_all(connection, checkfirst=False)
-                command.stamp(config, "head")
+                create_tables(connection)
                 return
             try:
                 command.upgrade(config, "head")
             except util.CommandError as error:
                 raise StoreError(f"the schema cannot be upgraded: {error}") from error
+
+
+def create_tables(connection: Connection) -> None:
+    """The tables of an empty database."""
+    from alembic import command
+
+    config = configuration()
+    config.attributes["connection"] = connection
+    metadata.create_all(connection, checkfirst=False)
+    command.stamp(config, "head")
 
 
 def keep_copy(url: URL) -> None:
@@ -167,6 +176,12 @@ def migrating(url: URL) -> Iterator[Connection]:
         with writing(engine) as connection:
             yield connection
             if broken := broken_references(connection):
-                raise StoreError(f"the migration would break references: {'; '.join(broken[:3])}")
+                raise _breaks("; ".join(broken[:3]))
+    except IntegrityError as error:
+        raise _breaks(reason_of(error)) from error
     finally:
         engine.dispose()
+
+
+def _breaks(reason: str) -> StoreError:
+    return StoreError(f"the migration would break references: {reason}")

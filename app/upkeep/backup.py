@@ -67,6 +67,9 @@ def destination(path: Path) -> Path:
     return path
 
 
+POSTGRESQL_WAY = "pg_dump first, then a copy of the data directory, which holds the recordings"
+
+
 def back_up(url: str, data_dir: Path, path: Path) -> Backup:
     """Write a backup of a database and its data directory.
 
@@ -76,7 +79,9 @@ def back_up(url: str, data_dir: Path, path: Path) -> Backup:
     """
     path, database = destination(path), file_of(address(url))
     if database is None:
-        raise StoreError("only SQLite databases are backed up: use the tools of your database")
+        raise StoreError(
+            f"only SQLite databases are backed up: use the tools of your database, {POSTGRESQL_WAY}"
+        )
     if current_revision(address(url)) is None:
         raise StoreError(f"{database} does not exist: give the --data-dir to back up")
     if needs_upgrade(address(url)):

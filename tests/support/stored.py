@@ -114,7 +114,7 @@ EVALUATION = {
 """Of a monitor that keeps its promise, as it is stored."""
 
 
-def move(path: Path, revision: str, config: Config | None = None) -> None:
+def move(path: Path | str, revision: str, config: Config | None = None) -> None:
     """Upgrade a database to a revision."""
     config = config or configuration()
     with migrating(address(path)) as connection:
