@@ -8,13 +8,13 @@
 
 import { createAddress } from "../lib/address.js";
 import { reason } from "../lib/api.js";
-import { setZero } from "../lib/clock.js";
+import { secondsText, setZero } from "../lib/clock.js";
 import { askToConfirm, button, h, put, state as stateOf } from "../lib/dom.js";
 import { addDrawer } from "../lib/draw_loop.js";
 import { createEventList } from "../lib/event_list.js";
 import { exceededWords, withLimits } from "../lib/limits.js";
 import { sentence } from "../lib/monitors.js";
-import { counted, secondsText } from "../lib/numbers.js";
+import { counted } from "../lib/numbers.js";
 import { createAlarmPanel } from "./alarm_panel.js";
 import { createAssessmentDisplay } from "./assessment/assessment_display.js";
 import { createBackfill } from "./backfill.js";
