@@ -13,6 +13,7 @@ import pytest
 
 from app.cli import COMMANDS, _parser, main
 from app.client import LiveClient
+from app.commands.options.jsbsim_simulator import jsbsim_simulator
 from app.main import STATIC
 from app.routes.guide import SLUGS
 from core.monitor import MonitorRecipe, train
@@ -86,13 +87,16 @@ def test_commands_of_a_page_run(slug: str, folder: Path, monkeypatch: pytest.Mon
         module, *code = blocks(slug, "python")
         Path("pitch.py").write_text(module)
         exec("".join(code), {})
-        Path("point.json").write_text(*blocks(slug, "json"))
+        point, aircraft = blocks(slug, "json")
+        Path("point.json").write_text(point)
+        Path("c172p.json").write_text(aircraft)
+        assert len(jsbsim_simulator("jsbsim:c172p", Path("c172p.json")).parameters) == 31
         if not pitch_fmu.MISSING:
             pitch_fmu.make_fmu(Path("model.fmu"))
     for arguments in commands(slug):
         small = [] if "--rollouts" in arguments else SMALL.get(arguments[0], [])
-        is_fmu = "model.fmu" in arguments
-        if arguments[0] not in MINUTES and not (is_fmu and pitch_fmu.MISSING):
+        is_slow = arguments[0] in MINUTES or "jsbsim:c172p" in arguments
+        if not is_slow and not ("model.fmu" in arguments and pitch_fmu.MISSING):
             assert main([*arguments, *small]) == 0, arguments
 
 

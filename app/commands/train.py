@@ -79,8 +79,8 @@ def add(parser: argparse.ArgumentParser) -> None:
     option(
         own,
         "--simulator SPEC",
-        "your simulator in Python, package.module:name, or a model.fmu; its code runs with your "
-        "rights",
+        "your simulator in Python, package.module:name, or a model.fmu, whose code runs with your "
+        "rights; or jsbsim:AIRCRAFT",
     )
     option(
         own,

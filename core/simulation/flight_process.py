@@ -255,11 +255,19 @@ def main(connection: Connection) -> None:
         connection.send_bytes(answer)
         return answer[:1] == FLIGHT
 
-    fly: list[Fly] = []
+    fly, repeated = list[Fly](), list[bool]()
 
     def load() -> bytes:
         fly.append(model.load())
         return b""
+
+    def flown(theta: Array, inputs: Array) -> bytes:
+        outputs = fly[0](theta, inputs).tobytes()
+        if not repeated:
+            repeated.append(fly[0](theta, inputs).tobytes() == outputs)
+            if not repeated[0]:
+                raise ValueError("it does not repeat a flight after its reset: correct its reset")
+        return outputs
 
     if not answered(load):
         return
@@ -269,7 +277,7 @@ def main(connection: Connection) -> None:
         except EOFError:
             return
         for values, each in zip(theta, inputs, strict=True):
-            if not answered(lambda values=values, each=each: fly[0](values, each).tobytes()):
+            if not answered(lambda values=values, each=each: flown(values, each)):
                 return
 
 

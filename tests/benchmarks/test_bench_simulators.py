@@ -1,6 +1,7 @@
 """Simulators of others: flights in a second of CPU, and in a second with one and two processes.
 
-An FMU of three states, 6 s at 100 Hz. All times are of one run on one machine: read the ratios.
+An FMU of three states, 6 s at 100 Hz; aircraft of JSBSim, 6 s at 50 Hz, with trim. All times are of
+one run on one machine: read the ratios.
 """
 
 import os
@@ -13,6 +14,7 @@ import pytest
 
 from core.simulation.flight_process import ModelSimulator
 from core.simulation.fmu import Fmu
+from core.simulation.jsbsim import PROPERTIES, Jsbsim, functions_of
 from tests.support import pitch_fmu
 
 pytestmark = pytest.mark.benchmark
@@ -66,3 +68,27 @@ def test_flights_of_an_fmu(version: int, tmp_path: Path) -> None:
         for n in (1, 2)
     ]
     compared(f"FMI {version}", simulators, 5 * N)
+
+
+@pytest.mark.parametrize(
+    ("aircraft", "altitude", "speed"),
+    [("c172p", 1500.0, 55.0), ("f16", 3000.0, 180.0), ("T38", 3000.0, 200.0)],
+)
+def test_flights_of_jsbsim(aircraft: str, altitude: float, speed: float) -> None:
+    keys = ["alpha", "q", "Nz", "V"]
+    functions, outputs = functions_of(aircraft), [PROPERTIES[key] for key in keys]
+    control = ["fcs/elevator-cmd-norm"]
+    model = Jsbsim(aircraft, altitude, speed, 0.02, functions, control, outputs, [1.0] * 4)
+    simulators = [
+        ModelSimulator(
+            model,
+            f"jsbsim:{aircraft}",
+            channels=keys,
+            dt=0.02,
+            parameters=dict.fromkeys(functions, (1.0, 0.1)),
+            inputs=0.2 * np.repeat([0.0, -1.0, 1.0, 0.0], [25, 25, 25, 226]),
+            processes=n,
+        )
+        for n in (1, 2)
+    ]
+    compared(aircraft, simulators, N)

@@ -52,7 +52,7 @@ def fmu_simulator(name: str, point: Path | None) -> ModelSimulator:
     parameters = chosen("parameter", list(recipe.parameters), "parameter")
     inputs = chosen("input", list(recipe.inputs), "input")
     outputs = chosen("output", list(recipe.channels.values()), "output", "local", "input")
-    dictionary = _dictionary(list(recipe.channels), [each.unit or "" for each in outputs])
+    dictionary = dictionary_for(list(recipe.channels), [each.unit or "" for each in outputs])
     scaling = [
         _to_si(each, channel.unit, description)
         for each, channel in zip(outputs, dictionary.channels, strict=True)
@@ -73,7 +73,9 @@ def fmu_simulator(name: str, point: Path | None) -> ModelSimulator:
         channels=dictionary,
         dt=recipe.dt,
         parameters={
-            each.name: _nominal_and_spread(each, recipe.parameters[each.name], point)
+            each.name: nominal_and_spread(
+                recipe.parameters[each.name], each.start, f"{point}: {each.name}"
+            )
             for each in parameters
         },
         inputs=recipe.pilot(),
@@ -117,7 +119,7 @@ def _choice(variables: Mapping[str, Any]) -> str:
     return "; ".join(texts)
 
 
-def _dictionary(keys: Sequence[str], units: Sequence[str]) -> Dictionary:
+def dictionary_for(keys: Sequence[str], units: Sequence[str]) -> Dictionary:
     if set(keys) <= known_channels().keys():
         return dictionary_of(keys)
     return own_dictionary(keys, units)
@@ -147,14 +149,16 @@ def _to_si(variable: Any, unit: str, description: Any) -> tuple[float, float]:
         raise TelemetryError(f"{variable.name}: {error}") from None
 
 
-def _nominal_and_spread(
-    variable: Any, given: float | Sequence[float], point: Path
+def nominal_and_spread(
+    given: float | Sequence[float], nominal: float | str | None, where: str
 ) -> tuple[float, float]:
+    """What a test point gives of a parameter. RecipeError.
+
+    nominal: where it gives the spread alone; None if unknown.   where: for the error.
+    """
     if not isinstance(given, int | float):
         nominal, spread = given
-        return nominal, spread
-    if variable.start is None:
-        raise RecipeError(
-            f"{point}: {variable.name} has no start value in the model: give [nominal, spread]"
-        )
-    return float(variable.start), given
+        return float(nominal), spread
+    if nominal is None:
+        raise RecipeError(f"{where} has no start value in the model: give [nominal, spread]")
+    return float(nominal), given

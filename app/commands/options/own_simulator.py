@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from app.commands.options.fmu_simulator import fmu_simulator
+from app.commands.options.jsbsim_simulator import PREFIX, jsbsim_simulator
 from app.commands.options.recipe import PATHS
 from app.recipes.recipes import RecipeError
 from app.telemetry.limit_texts import specified
@@ -33,6 +34,8 @@ def load(name: str, point: Path | None = None) -> OwnSimulator:
     """The simulator of a name.   point: what a model flies. RecipeError, OwnCodeError."""
     if name.endswith(FMU):
         return OwnSimulator.of(fmu_simulator(name, point), name)
+    if name.startswith(PREFIX):
+        return OwnSimulator.of(jsbsim_simulator(name, point), name)
     if point is not None:
         raise RecipeError(f"--point was given with --simulator {name}, which has its own: omit it")
     return OwnSimulator.of(_imported(name), name)
