@@ -199,7 +199,7 @@ function createMore({ again }) {
       labelled("dictionary", file, { hint: "CSV or JSON with key and unit of each channel, if the files do not name them." }).element,
       labelled("sample interval", dt, { unit: "s", hint: "Only if the files have neither times nor dt." }).element,
       labelled("computed channels", computed, { hint: "One per line: key [unit] = formula." }).element,
-      labelled("limits in words", limits, { hint: "One per line: limits on computed channels, or with a duration." }).element,
+      labelled("limits in words", limits, { hint: "One per line: limits on computed channels, with a duration, or requirements such as always (Nz < 4.9 or alpha < 0.2)." }).element,
     ),
   );
   const given = (name, text) => (text.trim() ? [[name, text.trim()]] : []);
