@@ -33,7 +33,6 @@ Names = abc.Mapping[ConditionKey, str]
 NAN = float("nan")
 _NUMBER = {float: float, int: float}
 _FLOATS = {float}
-_NOTHING = [NAN]
 _decoder = msgspec.json.Decoder()
 
 MOST_S = 1e11
@@ -41,10 +40,15 @@ MOST_S = 1e11
 
 
 class Batch(NamedTuple):
-    """A batch of a source. sequence: its number; None if the source gives none."""
+    """A batch of a source.
+
+    sequence: its number; None if the source gives none.   single: its values, if it is one sample
+    that consists of numbers alone; else None.
+    """
 
     sequence: int | None
     values: Values
+    single: abc.Mapping[str, float] | None = None
 
 
 def decode_batch(content: bytes | str) -> Batch:
@@ -67,7 +71,7 @@ def decode_batch(content: bytes | str) -> Batch:
     if sequence is not None and (type(sequence) is not int or not 0 <= sequence <= 2**53):
         raise TelemetryError(f"sequence is {str(sequence)[:40]!r}: number the batches 0, 1, 2 ...")
     if {*map(type, plain.values())} == _FLOATS:
-        return Batch(sequence, {name: [value] for name, value in plain.items()})
+        return Batch(sequence, {name: [value] for name, value in plain.items()}, plain)
     values: Values = {}
     _flatten(plain, "", values, DEEPEST)
     return Batch(sequence, values)
@@ -160,6 +164,7 @@ class ChannelReader:
         self._columns = [self._direct.get(key) for key in self._keys]
         plain = [read.name for read in self._columns if read and read.is_plain]
         self._plain_names = plain if len(plain) == len(self._columns) else []
+        self._unknown = [NAN] * len(plain)
         for key, source in self._derived.items():
             if source.derivation in WITH_MEMORY:
                 raise TelemetryError(
@@ -219,7 +224,7 @@ class ChannelReader:
     def samples(self, batch: Batch) -> list[Sample]:
         """The samples of a batch, in its order; implausible values are missing. TelemetryError."""
         values = batch.values
-        samples = self._samples(values)
+        samples = self._samples(batch)
         if not self._condition_names.isdisjoint(values):
             n = len(samples)
             columns = [
@@ -231,12 +236,13 @@ class ChannelReader:
             ]
         return samples
 
-    def _samples(self, values: Values) -> list[Sample]:
+    def _samples(self, batch: Batch) -> list[Sample]:
         """The samples without the flight condition."""
+        values = batch.values
         times = self._times(values)
         n = len(times)
         if n == 1 and not self._derived:
-            return [self._sample(times[0], self._row(values))]
+            return [self._sample(times[0], self._row(batch))]
         channels = {
             key: read(values, n) for key, read in self._direct.items() if read.name in values
         }
@@ -260,13 +266,11 @@ class ChannelReader:
         phi, theta, psi = row[n:]
         return Sample(t, y, (phi, theta, psi), reason)
 
-    def _row(self, values: Values) -> tuple[float, ...]:
+    def _row(self, batch: Batch) -> tuple[float, ...]:
         """The only sample of a batch: the channels, then ATTITUDE."""
-        given = [values.get(name, _NOTHING) for name in self._plain_names]
-        row: tuple[Any, ...] = tuple([column[0] if len(column) == 1 else None for column in given])
-        if row and {*map(type, row)} == _FLOATS:
-            return row
-        return tuple([read(values, 1)[0] if read else NAN for read in self._columns])
+        if self._plain_names and batch.single is not None:
+            return tuple(map(batch.single.get, self._plain_names, self._unknown))
+        return tuple([read(batch.values, 1)[0] if read else NAN for read in self._columns])
 
     def _times(self, values: Values) -> list[float]:
         mapped = self._time.name if self._time else None

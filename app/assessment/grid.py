@@ -116,7 +116,7 @@ class CausalGrid:
     """
 
     def __init__(self, dt: float, delay: float, n_channels: int = len(LATERAL)) -> None:
-        self.dt, self.delay, self._n_channels = dt, delay, n_channels
+        self.dt, self.delay = dt, delay
         n_values = n_channels + len(ATTITUDE)
         self._width = kernel.SETTLED_VALUES + n_values
         clock = np.full(kernel.N_CLOCK + n_values, np.nan)
@@ -133,7 +133,8 @@ class CausalGrid:
         self._settled = self._room(ROOM)
         self._values = np.empty(n_values)
         compiled = self._state, self._settled
-        self._receive_one = entry(kernel.receive_one, *compiled, 0.0, 0.0, self._values)
+        sample = 0.0, np.empty(n_channels), *UNKNOWN, self._values
+        self._receive_one = entry(kernel.receive_one, *compiled, 0.0, *sample)
         self._advance_to = entry(kernel.advance, *compiled, 0.0)
         self._reasons: dict[int, str] = {}
         self.pushed_at = nan, False
@@ -167,12 +168,11 @@ class CausalGrid:
         """Add a received sample; return the grid samples settled by then, in order."""
         if sample.reason:
             self._note(int(self._state.counts[kernel.N_RECEIVED]), sample.reason)
-        values, settled = self._values, list[Sample]()
-        values[: self._n_channels] = sample.y
-        values[self._n_channels :] = sample.attitude
+        received = sample.t, np.ascontiguousarray(sample.y), *sample.attitude, self._values
+        settled = list[Sample]()
         while True:
             n_settled, room, t, is_plausible = self._receive_one(
-                self._state, self._settled, arrived, sample.t, values
+                self._state, self._settled, arrived, *received
             )
             if n_settled:
                 settled += self._samples(n_settled)

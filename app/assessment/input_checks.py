@@ -142,7 +142,7 @@ class _Recent:
 
     def push(self, t: float, y: Array, source: int) -> tuple[int, int]:
         """Add a sample. Returns its flags, and the slot of the sample of the same time, or -1."""
-        flags, repeated = self._arrive(self.state, t, y, source)
+        flags, repeated = self._arrive(self.state, t, np.ascontiguousarray(y), source)
         if flags & LOOKS and t - self._measured >= MEASURE_S:
             self._measured = t
             self._measure()

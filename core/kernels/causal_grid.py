@@ -87,12 +87,16 @@ def receive(state, settled, arrived, t, values, first, flight_t):
 
 
 @brief
-def receive_one(state, settled, arrived, t, values):
-    """Add one received sample. values: (k,).
+def receive_one(state, settled, arrived, t, y, phi, theta, psi, values):
+    """Add one received sample. y: (k - 3,) its channels.   values: (k,) room for all its values.
 
     Returns (settled samples, room that it needs before it can be added, 0 once it is added, flight
     time, whether the source's time is plausible).
     """
+    n = y.shape[0]
+    for c in range(n):
+        values[c] = y[c]
+    values[n], values[n + 1], values[n + 2] = phi, theta, psi
     return _receive(state, settled, np.int64(0), arrived, t, values)
 
 
