@@ -250,7 +250,7 @@ def main(connection: Connection) -> None:
         except MemoryError:
             answer = ERROR + f"needs more than {limits.memory} MiB: allow more memory".encode()
         except Exception as error:
-            answer = ERROR + f"failed: {error}".encode()
+            answer = ERROR + f"failed: {error or type(error).__name__}".encode()
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         connection.send_bytes(answer)
         return answer[:1] == FLIGHT
