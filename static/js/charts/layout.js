@@ -6,10 +6,12 @@
  *     keys: element for what the keys do.   bar: its buttons follow the other elements
  *     onfold(): to be set; strips were folded or unfolded
  * createSheet(canvas) -> Sheet     a canvas drawn in units, in the colours of its theme
- *     {canvas, pen, width, height, palette, hatches, resize(width, height), setPalette(palette), clear(name "")}
+ *     {canvas, pen, width, height, ratio, left, palette, hatches, resize(width, height), setPalette(palette), clear(name "")}
+ *     ratio: px of the canvas a unit.   left: of the plot [px of the canvas], whole
  *     resize: to px of the page
  *     clear: empties it but for a name in the gutter; the pen's origin is then the plot's left edge
- *     clearPlot(): the same right of the gutter.   isFresh: whether nothing was drawn since a resize or a new palette
+ *     paste(image, left): px for px, from the plot's left edge unless another place is given
+ *     clearPlot(from): the same right of a place in the plot.   isFresh: whether nothing was drawn since a resize or a new palette
  * GUTTER    width of the value axis left of the plot [units]
  * unit() -> px of the page: a sixteenth of a rem, so that canvases grow with the text beside them
  */
@@ -100,16 +102,15 @@ function createFolds(strips, elements, rows, changed) {
 
 export function createSheet(canvas) {
   const pen = canvas.getContext("2d", { alpha: false });
-  const sheet = { canvas, pen, width: 1, height: 1, palette: {}, hatches: {}, resize, setPalette, clear, clearPlot, isFresh: true };
-  let ratio = 1;
+  const sheet = { canvas, pen, width: 1, height: 1, palette: {}, hatches: {}, resize, setPalette, clear, clearPlot, paste, isFresh: true, ratio: 1, left: GUTTER };
 
   function resize(width, height) {
     const px = unit();
     const dense = devicePixelRatio || 1;
-    ratio = px * dense;
+    const ratio = px * dense;
     canvas.width = Math.round(width * dense);
     canvas.height = Math.round(height * dense);
-    Object.assign(sheet, { width: width / px, height: height / px, isFresh: true });
+    Object.assign(sheet, { width: width / px, height: height / px, ratio, left: Math.round(ratio * GUTTER), isFresh: true });
   }
 
   function setPalette(palette) {
@@ -118,7 +119,7 @@ export function createSheet(canvas) {
   }
 
   function clear(name = "") {
-    const { width, height, palette } = sheet;
+    const { width, height, palette, ratio, left } = sheet;
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
     pen.fillStyle = palette.panel;
     pen.fillRect(0, 0, width, height);
@@ -127,14 +128,22 @@ export function createSheet(canvas) {
     pen.textBaseline = "middle";
     pen.fillStyle = palette.dim;
     pen.fillText(name, GUTTER - 6, height / 2);
-    pen.translate(GUTTER, 0);
+    pen.setTransform(ratio, 0, 0, ratio, left, 0);
     sheet.isFresh = false;
   }
 
-  function clearPlot() {
-    pen.setTransform(ratio, 0, 0, ratio, ratio * GUTTER, 0);
+  function clearPlot(from) {
+    const { ratio, left } = sheet;
+    pen.setTransform(ratio, 0, 0, ratio, left, 0);
     pen.fillStyle = sheet.palette.panel;
-    pen.fillRect(0, 0, sheet.width - GUTTER, sheet.height);
+    pen.fillRect(from, 0, sheet.width, sheet.height + 1); // pixels at the edges too
+  }
+
+  function paste(image, at = sheet.left) {
+    const { ratio, left } = sheet;
+    pen.setTransform(1, 0, 0, 1, 0, 0);
+    pen.drawImage(image, at, 0);
+    pen.setTransform(ratio, 0, 0, ratio, left, 0);
   }
 
   return sheet;

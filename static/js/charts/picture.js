@@ -36,8 +36,8 @@ export function createVectorCanvas(width, height) {
     fillStyle: "#000", strokeStyle: "#000", lineWidth: 1, lineJoin: "miter", globalAlpha: 1,
     font: `12px ${FONT}`, textAlign: "left", textBaseline: "alphabetic",
     save, restore, clip, fill, stroke, fillRect, fillText, createPattern,
-    setTransform: () => {
-      place = new DOMMatrix();
+    setTransform: (...values) => {
+      place = new DOMMatrix(values);
     },
     translate: (x, y) => {
       place = place.translate(x, y);

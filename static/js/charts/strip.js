@@ -4,7 +4,10 @@
  * createStrip(canvas, strip) -> Sheet with draw(frame), see layout.js
  *
  * Frame  what all strips of a chart share in one turn
- *   x(t) -> place in the plot;   width [px], step: seconds a pixel, first: column of the left edge, wall [ms]
+ *   x(t) -> place in the plot [units];   width [units], step: seconds a unit, wall [ms]
+ *   columns, pitch, first: pixels of the canvas across the plot, units each, and how many are left of it since time zero
+ *   revision: changes with the traces that were drawn; until: place before which cells do not change [units]
+ *   picture: changes with all that was drawn left of `until`
  *   ticks {times, step} of the grid [s];   cursor, marks {a, b} [s];   alertAbove
  *   flags [{key | null, t, word, colour}]  moments marked
  *   parts [Part]  one for each recording laid over;   bands [{x0, x1, kind of BANDS, word}]
@@ -23,7 +26,7 @@ import { isBeyond } from "../lib/limits.js";
 import { leadSeconds } from "../lib/numbers.js";
 import { createStripFrame, SPARSE } from "./strip_frame.js";
 import { holdsOf } from "./strips.js";
-import { drawBeyond, drawEnvelope, drawForecast, drawSafeBand, drawTrace } from "./trace.js";
+import { drawBeyond, drawEnvelope, drawForecast, drawSafeBand, drawTrace, pieceOf, spanOf } from "./trace.js";
 
 /**
  * fill: hatch or token.   all: on every strip, not only on the risk's; said: its word too.
@@ -40,44 +43,37 @@ const BANDS = {
   warming: { fill: "warming" },
   alert: { fill: "alert", sign: "▲" },
 };
-const OUTER = 12; // px, middle of the words of alerts
+const BEFORE = 8; // units left of its place that a cell is drawn, at most
 
 export function createStrip(canvas, strip) {
   const face = createStripFrame(canvas, strip);
   const { pen, y } = face;
+  const kept = createKept(face, strip.axis);
   const out = new Float64Array(2);
   let lastSign = -Infinity; // where the last one is, so that a crowd stays legible
 
   function draw(frame) {
     const seen = extremes(frame);
     strip.axis.fit(...seen, frame.wall);
-    face.begin(frame);
-    pen.save();
-    pen.beginPath();
-    pen.rect(0, 0, frame.width, face.height);
-    pen.clip();
+    const begin = kept.place(frame);
+    face.begin(frame, begin);
+    within(pen, begin, frame.width - begin, face.height, () => drawPlot(frame, begin, isOver(seen)));
+  }
+
+  function drawPlot(frame, begin, over) {
     const safe = frame.safe?.channels[strip.key];
-    if (safe) for (const start of frame.safe.starts) drawSafeBand(face, { t: frame.safe.t, ...safe }, start, frame, strip.isTall ? frame.safe.word : "", strip.limits?.[0]);
+    if (safe) for (const start of frame.safe.starts) drawSafeBand(face, { t: frame.safe.t, ...safe }, start, frame, strip.hasLegend ? frame.safe.word : "");
     if (strip.forecast !== null) drawLead(frame);
     const ahead = frame.ahead?.channels[strip.key];
-    if (ahead) drawEnvelope(face, { t: frame.ahead.t, word: frame.ahead.word, ...ahead }, frame);
+    if (ahead) drawEnvelope(face, { t: frame.ahead.t, word: strip.hasLegend ? frame.ahead.word : "", ...ahead }, frame);
     for (const band of frame.bands) drawBand(band);
     lastSign = -Infinity;
-    for (const band of frame.bands) drawWord(band, frame.width); // no word may hide the trace
+    for (const band of frame.bands) drawWord(band, frame); // no word may hide the trace
     face.thresholds(frame);
-    const [first] = frame.parts;
-    if (first && strip.forecast !== null)
-      drawForecast(face, first.cells, first.cells.series(strip.forecast), frame, frame.errors?.[strip.key]);
-    for (const part of frame.parts) drawPart(part, frame);
-    if (first && isOver(seen)) {
-      const read = first.cells.series(strip.key);
-      for (const held of holdsOf(strip))
-        if (held.limits !== null) drawBeyond(face, first.cells, read, held);
-    }
+    kept.draw(frame, begin, (ink, piece) => drawCells(ink, frame, over, piece));
     face.flags(frame);
     face.line(frame.x(frame.now), face.palette.dim, [], 1);
     face.cursors(frame);
-    pen.restore();
   }
 
   /** Least and greatest value in view, of traces and forecasts. */
@@ -101,11 +97,23 @@ export function createStrip(canvas, strip) {
     return tightest.some(({ limits }) => isBeyond(limits.map(Math.fround), low, high).includes(true));
   }
 
-  function drawPart({ cells, colour, dashed = false, quiet, withdrawn = false }, frame) {
+  function drawCells(ink, frame, over, piece) {
+    const [first] = frame.parts;
+    if (first && strip.forecast !== null)
+      drawForecast(ink, first.cells, first.cells.series(strip.forecast), frame, piece, frame.errors?.[strip.key]);
+    for (const part of frame.parts) drawPart(ink, part, frame, piece);
+    if (!first || !over) return;
+    const read = first.cells.series(strip.key);
+    for (const held of holdsOf(strip))
+      if (held.limits !== null) drawBeyond(ink, first.cells, read, held, piece);
+  }
+
+  function drawPart(ink, { cells, colour, dashed = false, quiet, withdrawn = false }, frame, piece) {
+    const { pen } = ink;
     const read = cells.series(strip.key);
-    const trace = (look) => drawTrace(face, cells, read, { colour, dashed, ...look });
+    const trace = (look) => drawTrace(ink, cells, read, { colour, dashed, ...look }, piece);
     if (strip.risk && withdrawn) {
-      drawTrace(face, cells, cells.series("withdrawn"), { colour: "stale", dashed });
+      drawTrace(ink, cells, cells.series("withdrawn"), { colour: "stale", dashed }, piece);
       trace();
       if (!Number.isFinite(frame.alertAbove) || dashed) return;
       pen.save(); // above the alert level the risk is red
@@ -117,15 +125,15 @@ export function createStrip(canvas, strip) {
     } else if (strip.risk || quiet.boxes.length === 0) {
       trace();
     } else {
-      face.clipped(quiet.boxes, false, () => {
+      clipped(ink, quiet.boxes, false, () => {
         pen.globalAlpha = quiet.alpha;
         trace({ colour: quiet.colour });
       });
-      face.clipped(quiet.boxes, true, trace);
+      clipped(ink, quiet.boxes, true, trace);
     }
   }
 
-  function drawLead({ x, now, lead }) {
+  function drawLead({ x, now, lead, step, parts: [first] }) {
     const [x0, x1] = [x(now), x(now + lead)];
     if (!(x1 > x0)) return;
     pen.globalAlpha = 0.16;
@@ -133,7 +141,10 @@ export function createStrip(canvas, strip) {
     pen.fillRect(x0, 0, x1 - x0, face.height);
     pen.globalAlpha = 1;
     const middle = (x0 + x1) / 2;
-    if (x1 - x0 > 52) face.word(`+${leadSeconds(lead, 2)} s`, middle, 9, face.palette.forecast);
+    if (x1 - x0 <= 52) return;
+    const span = first && spanOf(face, first.cells, first.cells.series(strip.forecast), x(now) - lead / step);
+    const height = face.free(0, span ? [span] : []);
+    if (Number.isFinite(height)) face.word(`+${leadSeconds(lead, 2)} s`, middle, height, face.palette.forecast);
   }
 
   function drawBand({ x0, x1, kind }) {
@@ -149,22 +160,110 @@ export function createStrip(canvas, strip) {
     pen.globalAlpha = 1;
   }
 
-  function drawWord({ x0, x1, kind, word }, width) {
+  function drawWord({ x0, x1, kind, word }, { width, alertAbove }) {
     const { said = false, level = false, sign, least = 0 } = BANDS[kind];
     if (!strip.risk && !said) return;
     const [left, right] = [Math.max(0, x0), Math.min(width, x1)];
     const [room, middle] = [right - left, (left + right) / 2];
     const long = face.wide(word) + 2;
     const colour = kind === "alert" ? face.palette.alert : face.palette.text;
-    const height = kind === "alert" ? OUTER : face.height / 2;
-    if (long <= room) face.word(word, middle, height, colour);
+    const isAlert = kind === "alert"; // the risk is above its level then
+    const height = face.free(face.height / (isAlert ? 1 : 2), isAlert ? [[0, y(alertAbove)]] : []);
+    const between = face.longest();
+    if (long <= room && Number.isFinite(height)) face.word(word, middle, height, colour);
     else if (level) return;
-    else if (long <= face.height && room >= 18) face.upright(word, middle, colour);
-    else if (sign && room >= least && middle - lastSign >= SPARSE) {
+    else if (!isAlert && long <= between.room && room >= 18) face.upright(word, middle, between.middle, colour);
+    else if (sign && room >= least && middle - lastSign >= SPARSE && Number.isFinite(height)) {
       face.word(sign, middle, height, colour);
       lastSign = middle;
     }
   }
 
   return Object.assign(face, { draw });
+}
+
+/**
+ * What was drawn is kept. Traces that do not change any more lie on a canvas of their own, which is moved by whole columns;
+ * while nothing else changes, only what is right of them is drawn anew.
+ *
+ * place(frame) -> where to begin to draw [units], 0 for the whole plot
+ * draw(frame, begin, drawPiece)     drawPiece(face with the pen to use, piece)
+ */
+function createKept(face, axis) {
+  if (!(face.canvas instanceof HTMLCanvasElement)) return { place: () => 0, draw: (frame, _, drawPiece) => drawPiece(face, pieceOf(frame, 0, frame.width)) };
+  const canvas = document.createElement("canvas");
+  const pen = canvas.getContext("2d");
+  const ink = Object.create(face, { pen: { value: pen } });
+  let shown = []; // what the plot depends on, left of the newest samples
+  let drawn = []; // what the columns on the canvas depend on
+  let left = 0; // column at the left edge, since time zero
+  let [from, to] = [0, 0]; // columns on the canvas
+
+  function place({ picture, pitch }) {
+    const now = [picture, axis.low, axis.high];
+    const isSame = now.every((value, k) => value === shown[k]);
+    shown = now;
+    return isSame ? (to - left) * pitch : 0;
+  }
+
+  function draw(frame, begin, drawPiece) {
+    const { first, columns, pitch, width } = frame;
+    if (begin === 0) {
+      extend(frame, drawPiece);
+      face.paste(canvas);
+    }
+    if (to === first + columns) return;
+    const x = (to - first) * pitch;
+    within(face.pen, x, width - x, face.height, () => drawPiece(face, pieceOf(frame, x, width)));
+  }
+
+  function extend(frame, drawPiece) {
+    const { first, columns, pitch, until } = frame;
+    const end = first + columns;
+    const size = { width: columns, height: face.canvas.height };
+    const now = [frame.revision, frame.step, axis.low, axis.high, ...Object.values(size)];
+    if (to <= first || from >= end || now.some((value, k) => value !== drawn[k])) {
+      if (canvas.width !== size.width || canvas.height !== size.height) Object.assign(canvas, size);
+      pen.clearRect(0, 0, columns, canvas.height);
+      from = to = first;
+    } else if (left !== first) {
+      pen.globalCompositeOperation = "copy";
+      pen.drawImage(canvas, left - first, 0);
+      pen.globalCompositeOperation = "source-over";
+    }
+    const settled = Math.min(end, Math.max(to, first + Math.floor((until - BEFORE) / pitch)));
+    if (from > first) drawBetween(first, Math.min(from, end));
+    if (settled > to) drawBetween(to, settled);
+    [drawn, left, from, to] = [now, first, first, settled];
+
+    function drawBetween(begin, stop) {
+      const [x, wide] = [begin - first, stop - begin];
+      within(pen, x, wide, canvas.height, () => {
+        pen.scale(face.ratio, face.ratio);
+        drawPiece(ink, pieceOf(frame, x * pitch, (x + wide) * pitch));
+      });
+    }
+  }
+
+  return { place, draw };
+}
+
+function within(pen, x, wide, height, act) {
+  pen.save();
+  pen.beginPath();
+  pen.rect(x, 0, wide, height);
+  pen.clip();
+  act();
+  pen.restore();
+}
+
+/** Draws within boxes [{x0, x1}] only, or outside of them only. */
+function clipped({ pen, width, height }, boxes, inverted, act) {
+  pen.save();
+  pen.beginPath();
+  if (inverted) pen.rect(0, 0, width, height);
+  for (const { x0, x1 } of boxes) pen.rect(x0, 0, x1 - x0, height);
+  pen.clip("evenodd");
+  act();
+  pen.restore();
 }

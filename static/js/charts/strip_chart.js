@@ -19,7 +19,8 @@
  *   flags                   moments that are marked, see strip.js
  *   begin(wall)             a turn begins
  *   stamp(), news()         change with what is drawn; with what is to be read at once
- *   read({view, start, step, width, x, wall}) -> {parts, bands, now, lead, ahead, tip, trail, word}    see strip.js, cross/
+ *   read({view, start, step, first, columns, pitch, width, x, wall}) -> {parts, bands, revision, until, now, lead, ahead, tip,
+ *     trail, word}            see strip.js, cross/
  *     tip: where trails end without a cursor [s].   trail, word: see cross/cross_plot.js
  *   reading(strip, view, cursor), bar(view), describe(strip), valuesAt(strip, t)   see readings.js
  */
@@ -31,7 +32,7 @@ import { addDrawer } from "../lib/draw_loop.js";
 import { moment, shownIn } from "../lib/numbers.js";
 import { createCrossPanel } from "./cross/cross_panel.js";
 import { attachControls } from "./input.js";
-import { createSheet, GUTTER } from "./layout.js";
+import { createSheet } from "./layout.js";
 import { readPalette, watchTheme } from "./palette.js";
 import { createVectorCanvas, pictureOf, savePicture, savePixels, saveText, valuesOf } from "./picture.js";
 import { createReadings } from "./readings.js";
@@ -56,7 +57,8 @@ export function createStripChart(host, options) {
   const sheets = parts.filter(({ canvas }) => canvas);
   const readings = createReadings(strips, layout, source);
   const last = { picture: "", first: NaN, news: "", read: -1e9, told: "", described: -1e9 };
-  let plot = 1;
+  let columns = 1; // pixels of the canvas across the plot
+  let pitch = 1; // units a column
   let [safe, errors] = [null, null]; // of simulated flights
   let wall = performance.now();
 
@@ -66,9 +68,10 @@ export function createStripChart(host, options) {
       resize(width, height);
     }
     for (const part of parts) part.measure?.();
-    const wide = Math.max(...sheets.map(({ width }) => width)); // a folded strip has none
-    plot = Math.max(16, Math.floor(wide) - GUTTER);
-    measured = wide > 0;
+    const widest = sheets.reduce((a, b) => (b.width > a.width ? b : a)); // a folded strip has none
+    columns = Math.max(16, widest.canvas.width - widest.left);
+    pitch = 1 / widest.ratio;
+    measured = widest.width > 0;
     if (measured) setPalette(); // colours exist only on the page
   }
 
@@ -84,11 +87,11 @@ export function createStripChart(host, options) {
     if (!measured) measure();
     if (!measured) return 0;
     source.begin(wall);
-    const columns = columnsNow();
-    const { view, first } = columns;
+    const seen = columnsNow();
+    const { view, first } = seen;
     const picture = `${source.stamp()} ${time.revision} ${look}`;
     const isRoomy = strips.some(({ axis }, k) => axis.roomy && drawn[k].width > 0);
-    if (picture !== last.picture || first !== last.first || isRoomy) draw(columns);
+    if (picture !== last.picture || first !== last.first || isRoomy) draw(seen);
     const news = `${source.news()} ${time.revision} ${look}`;
     if (news !== last.news || (source.follows && wall - last.read >= READ_EVERY)) {
       Object.assign(last, { news, read: wall });
@@ -102,25 +105,29 @@ export function createStripChart(host, options) {
     return performance.now() - begin;
   }
 
-  function draw(columns) {
-    const frame = frameOf(columns);
+  function draw(seen) {
+    const frame = frameOf(seen);
     for (const part of parts) if (part.width !== 0) part.draw(frame);
   }
 
-  function frameOf({ view, step, first }) {
-    const start = first * step;
+  function frameOf({ view, column, first }) {
+    const start = first * column;
+    const step = column / pitch;
     const x = (t) => (t - start) / step;
-    const window = { view, start, step, first, width: plot, x, wall };
+    const window = { view, start, step, first, columns, pitch, width: columns * pitch, x, wall };
+    const read = source.read(window);
+    const drawn = { ticks: timeTicks(start, start + columns * column, columns * pitch), cursor: time.cursorAt(view), safe: safe && { ...safe, starts: starts().map(({ t, from }) => t + safe.shift[from]) } };
+    const bands = read.bands.map(({ x0, x1, kind, word }) => `${kind} ${x0} ${x1} ${word}`);
     return {
       ...window,
-      ticks: timeTicks(start, start + plot * step, plot),
-      cursor: time.cursorAt(view),
+      ...drawn,
       marks: time.marks,
       flags: source.flags,
       alertAbove: source.alertAbove,
-      safe: safe && { ...safe, starts: starts().map(({ t, from }) => t + safe.shift[from]) },
       errors,
-      ...source.read(window),
+      ...read,
+      revision: `${read.revision} ${look}`,
+      picture: [read.revision, look, time.revision, first, column, source.flags.length, drawn.ticks.times[0], drawn.ticks.step, drawn.cursor, drawn.safe?.starts, ...bands].join(),
     };
   }
 
@@ -143,8 +150,8 @@ export function createStripChart(host, options) {
 
   function columnsNow() {
     const view = time.view(wall);
-    const step = (view.end - view.start) / plot;
-    return { view, step, first: Math.round(view.end / step) - plot }; // whole columns: the trace does not shimmer
+    const column = time.width / columns; // s
+    return { view, column, first: Math.round(view.end / column) - columns }; // whole columns: the trace does not shimmer
   }
 
   function values() {
@@ -154,7 +161,7 @@ export function createStripChart(host, options) {
 
   const controls = attachControls(host, layout, time, {
     view: () => time.view(wall),
-    plotWidth: () => plot,
+    plotWidth: () => columns * pitch,
     dt: () => source.dt,
     newest: source.newest,
     wall: () => wall,

@@ -3,14 +3,17 @@
  *
  * createStripFrame(canvas, strip) -> a Sheet of layout.js with     strip: see strips.js
  *   y(value) -> px
- *   begin({ticks, x, width, alertAbove})       clears, and draws the grid and, where it changed, the gutter
- *   clipped(boxes, inverted, act)    draws within boxes [{x0, x1}] only, or outside of them only
+ *   begin({ticks, x, width, alertAbove}, from)       clears, and draws the grid right of a place and, where it changed, the gutter
  *   wide(text) -> px of a word with its plate
- *   word(text, x, middle, colour), upright(text, x, colour)     text on a plate
- *   triangle(x, up), line(x, colour, dash, thick), cursors({x, cursor, marks})
+ *   word(text, x, middle, colour), upright(text, x, middle, colour)     text on a plate
+ *   free(wanted, spans [[top, bottom]]) -> middle of a word on no limit line and outside of spans, as near as possible
+ *     to `wanted`; NaN where it fits nowhere
+ *   longest() -> {middle, room}    the widest space between limit lines
+ *   line(x, colour, dash, thick), cursors({x, cursor, marks})
  *   flags({flags, x, width})         moments: [{key | null, t, word, colour, thin}]; key null: of all
  *                                    channels, with its word on the risk strip
  *   thresholds({x, width, alertAbove})    limits where they held, or the alert level
+ * triangle(pen, x, up, height)     at the top or the bottom of a strip
  * stacked([{left, right [px], colour}], rows)    the most urgent first, each with its row; one that would overlap
  *     moves a row down; without a free row it goes into the last, below the others
  * tickText(value, axis)    as fine as the axis' ticks
@@ -27,11 +30,12 @@ const FIRST_ROW = 24; // px, middle of the topmost row of words
 const ROW = 18;
 const URGENT = ["alert", "caution", "text"]; // colours of words, the most urgent first
 const PAD = 5; // px above and below the range
+const WORD = 18; // px, height of a word's plate, with a pixel above and below
 const MOST_WIDTHS = 100; // words whose width is kept
 
 export function createStripFrame(canvas, strip) {
   const axis = strip.axis;
-  const tools = { y, begin, clipped, word, wide, upright, triangle, line, cursors, flags, thresholds };
+  const tools = { y, begin, word, wide, upright, free, longest, line, cursors, flags, thresholds };
   const own = Object.assign(createSheet(canvas), tools);
   const { pen } = own;
   const drawn = { low: NaN, high: NaN, step: NaN, limits: null, alertAbove: NaN }; // in the gutter
@@ -44,7 +48,7 @@ export function createStripFrame(canvas, strip) {
     return place < -40 ? -40 : place > own.height + 40 ? own.height + 40 : place;
   }
 
-  function begin({ ticks, x, width, alertAbove }) {
+  function begin({ ticks, x, width, alertAbove }, from) {
     const { low, high, step } = axis;
     const room = own.height - 2 * PAD;
     slope = strip.risk ? room : room / (high - low);
@@ -57,27 +61,37 @@ export function createStripFrame(canvas, strip) {
       levels = axisTicks(axis).map((value) => Math.round(y(value)));
       Object.assign(drawn, now);
     } else {
-      own.clearPlot();
+      own.clearPlot(from);
     }
     pen.fillStyle = own.palette.grid;
-    for (const t of ticks.times) pen.fillRect(Math.round(x(t)), 0, 1, own.height);
-    for (const level of levels) pen.fillRect(0, level, width, 1);
-    pen.fillRect(0, own.height - 1, width, 1);
+    for (const at of ticks.times.map(x)) if (at > from - 2) pen.fillRect(Math.max(from, whole(at)), 0, 1, own.height);
+    for (const level of levels) pen.fillRect(from, level, width - from, 1);
+    pen.fillRect(from, own.height - 1, width - from, 1);
   }
 
-  function clipped(boxes, inverted, act) {
-    pen.save();
-    pen.beginPath();
-    if (inverted) pen.rect(0, 0, own.width, own.height);
-    for (const { x0, x1 } of boxes) pen.rect(x0, 0, x1 - x0, own.height);
-    pen.clip("evenodd");
-    act();
-    pen.restore();
+  /** At a whole column: lines move with the traces. */
+  function whole(x) {
+    return Math.round(x * own.ratio) / own.ratio;
   }
 
-  function upright(text, x, colour) {
+  const lines = () => (strip.risk ? [drawn.alertAbove] : holdsOf(strip).flatMap(({ limits }) => limits ?? [])).filter(Number.isFinite).map(y);
+
+  function free(wanted, spans = []) {
+    const taken = [...lines().map((at) => [at, at]), ...spans].map(([top, bottom]) => [top - WORD / 2, bottom + WORD / 2]);
+    const fits = (at) => at >= WORD / 2 && at <= own.height - WORD / 2 && !taken.some(([top, bottom]) => at > top && at < bottom);
+    const near = [wanted, WORD / 2, own.height - WORD / 2, ...taken.flat()].filter(fits);
+    return near.reduce((best, at) => (Math.abs(at - wanted) < Math.abs(best - wanted) ? at : best), near[0] ?? NaN);
+  }
+
+  function longest() {
+    const edges = [0, ...lines().sort((a, b) => a - b), own.height];
+    const rooms = edges.slice(1).map((end, k) => ({ middle: (end + edges[k]) / 2, room: end - edges[k] }));
+    return rooms.reduce((best, each) => (each.room > best.room ? each : best));
+  }
+
+  function upright(text, x, middle, colour) {
     pen.save();
-    pen.translate(x, own.height / 2);
+    pen.translate(x, middle);
     pen.rotate(-Math.PI / 2);
     word(text, 0, 0, colour);
     pen.restore();
@@ -106,15 +120,6 @@ export function createStripFrame(canvas, strip) {
     pen.fillText(text, x, middle + 0.5);
   }
 
-  function triangle(x, up) {
-    const base = up ? 14 : own.height - 14;
-    pen.beginPath();
-    pen.moveTo(x, up ? 3 : own.height - 3);
-    pen.lineTo(x - 7, base);
-    pen.lineTo(x + 7, base);
-    pen.fill();
-  }
-
   function cursors({ x, cursor, marks }) {
     line(x(cursor), own.palette.cursor, [2, 2], 1);
     line(x(marks.a), own.palette["mark-a"], [7, 3], 1.5);
@@ -130,7 +135,7 @@ export function createStripFrame(canvas, strip) {
       const ink = own.palette[colour];
       line(at, ink, key === null ? [] : [4, 3], thin ? 1 : key === null ? 2.5 : 1.5);
       pen.fillStyle = ink;
-      if (!thin) triangle(at, true);
+      if (!thin) triangle(pen, at, true, own.height);
       if (key === null && !strip.risk) continue;
       const half = wide(text) / 2;
       const middle = Math.min(Math.max(at, half), Math.max(width - half, half));
@@ -148,8 +153,8 @@ export function createStripFrame(canvas, strip) {
     pen.lineWidth = thick;
     pen.setLineDash(dash);
     pen.beginPath();
-    pen.moveTo(Math.round(x) + 0.5, 0);
-    pen.lineTo(Math.round(x) + 0.5, own.height);
+    pen.moveTo(whole(x) + 0.5, 0);
+    pen.lineTo(whole(x) + 0.5, own.height);
     pen.stroke();
     pen.setLineDash([]);
   }
@@ -217,6 +222,15 @@ export function createStripFrame(canvas, strip) {
   }
 
   return own;
+}
+
+export function triangle(pen, x, up, height) {
+  const base = up ? 14 : height - 14;
+  pen.beginPath();
+  pen.moveTo(x, up ? 3 : height - 3);
+  pen.lineTo(x - 7, base);
+  pen.lineTo(x + 7, base);
+  pen.fill();
 }
 
 function signed(value, digits) {

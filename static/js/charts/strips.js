@@ -16,7 +16,7 @@
  * single(value) -> {low, high}     of one sample
  * limitedFirst(channels) -> {limited, others}     keys
  * arranged(strips) -> strips from top to bottom, each with
- *     isTall, fold: {group, isOpen} | null     among many channels those without a limit are folded by group
+ *     hasLegend: whether it has the words that hold for all;   isTall, fold: {group, isOpen} | null     among many channels those without a limit are folded by group
  */
 
 import { isLimited, limitsOf, marginOf } from "../lib/limits.js";
@@ -89,7 +89,8 @@ export function arranged(strips) {
   const channels = strips.filter((strip) => !isSummary(strip));
   const limited = channels.filter(({ limits }) => limits !== null);
   const tall = limited.slice(0, MOST_TALL);
-  const shaped = (strip, fold = null) => Object.assign(strip, { isTall: strip.risk || tall.includes(strip), fold });
+  const [legend] = channels;
+  const shaped = (strip, fold = null) => Object.assign(strip, { isTall: strip.risk || tall.includes(strip), hasLegend: strip === legend, fold });
   if (channels.length <= MOST_OPEN) return strips.map((strip) => shaped(strip));
   const first = limited.slice(0, MOST_OPEN);
   const groups = grouped(channels.filter((strip) => !first.includes(strip)));

@@ -1,70 +1,111 @@
 /**
  * Draws one series of the cells in view: traces, what lies beyond a limit, forecasts, bands of values.
  *
- * drawTrace(face, cells, read, {colour, dashed})     a line, or an area between the extremes; dashed:
+ * Traces, exceedances and forecasts are drawn between two places {from, to}: a strip keeps what it drew, and what is
+ * drawn piece by piece must be what is drawn at once. So a dash belongs to its time, and a mark to the REACH before it.
+ *
+ * drawTrace(face, cells, read, {colour, dashed}, piece)     a line, or an area between the extremes; dashed:
  *     every third piece is left out, as a sign besides colour
- * drawBeyond(face, cells, read, {from, to, limits})  fills the trace beyond limits where they held,
- *     and marks where each exceedance begins
- * drawForecast(face, cells, read, {step, first, now, lead, x})    what a cell forecasts is drawn
+ * drawBeyond(face, cells, read, {from, to, limits}, piece)  fills the trace beyond limits where they held,
+ *     and marks where exceedances begin, after SPARSE without one
+ * drawForecast(face, cells, read, {step, now, lead, x}, piece, error)    what a cell forecasts is drawn
  *     `lead` later: dashed, and bold in the future, with the interval of its error {low, high} if given
- * drawSafeBand(face, {t, low, high}, start, {x, width}, word, floor)     where simulated safe flights are, from a start [s]
- *     floor: value that the word stays above
+ * pieceOf({first, pitch}, from, to) -> piece {from, to, origin}     from..to: places [units]
+ * spanOf(face, cells, read, after) -> [top, bottom] | null     heights of the cells right of a place
+ * drawSafeBand(face, {t, low, high}, start, {x, width}, word)     where simulated safe flights are, from a start [s]
  * drawEnvelope(face, {t, low, high, predicted, word}, {x, now, width})     a band of values by time [s]
  *     predicted: time of an exceedance [s], or null
  *
  * Cells  samples in view, the same for all series; a cell is one sample while there is room for each, else a
- *   pixel column or a tile with the samples in it
- *   n, x  place in the plot [px], wide  of a cell [px], t(i)  where it begins [s]
+ *   column of pixels or a tile with the samples in it
+ *   n, x  place in the plot [units], wide  of a cell [units], t(i)  where it begins [s]
  *   cut  whether nothing is known between a cell and the one before
  *   sparse  whether lines join the cells; else they are about a pixel wide
  *   series(key) -> Read: (i, out) -> bool, range(key, out) -> bool     least and greatest value into out; false for none
  */
 
 import { isBeyond } from "../lib/limits.js";
-import { SPARSE } from "./strip_frame.js";
+import { SPARSE, triangle } from "./strip_frame.js";
 
 const HALF = 0.9; // px, half of a trace's thickness
-const DASH = 9; // px of a dash and its space
+const DASH = 9; // units of a dash and its space
 const DRAWN = 6;
+const REACH = SPARSE + 8; // units, at most, that a mark depends on before it, or a cell is drawn beyond its place
 const out = new Float64Array(2);
 let tops = new Float32Array(0);
 let bottoms = tops;
 
-export function drawTrace(face, cells, read, { colour, dashed = false }) {
-  face.pen.strokeStyle = face.pen.fillStyle = face.palette[colour];
-  if (cells.sparse) strokeLine(face, cells, read, dashed);
-  else fillArea(face, cells, read, dashed);
+export function pieceOf({ first, pitch }, from, to) {
+  return { from, to, origin: first * pitch };
 }
 
-function strokeLine({ pen, y }, { n, x, cut }, read, dashed) {
+/** Cells first..end-1 that are seen in a piece, drawn `shift` later. */
+function cellsIn({ n, x }, { from, to }, shift = 0) {
+  return [Math.max(0, placeOf(n, x, from - REACH - shift) - 1), Math.min(n, placeOf(n, x, to + REACH - shift) + 1)];
+}
+
+function placeOf(n, x, wanted) {
+  let [low, high] = [0, n];
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (x[middle] < wanted) low = middle + 1;
+    else high = middle;
+  }
+  return low;
+}
+
+export function drawTrace(face, cells, read, { colour, dashed = false }, piece) {
+  face.pen.strokeStyle = face.pen.fillStyle = face.palette[colour];
+  if (cells.sparse) strokeLine(face, cells, read, dashed, piece);
+  else fillArea(face, cells, read, dashed, piece);
+}
+
+function strokeLine({ pen, y }, cells, read, dashed, piece) {
+  const { x, cut } = cells;
+  const [first, end] = cellsIn(cells, piece);
   pen.lineWidth = 2 * HALF;
   pen.lineJoin = "bevel";
-  if (dashed) pen.setLineDash([DRAWN, DASH - DRAWN]);
   let drawing = false;
+  let before = 0; // height of the cell before
   pen.beginPath();
-  for (let i = 0; i < n; i++) {
+  for (let i = first; i < end; i++) {
     if (!read(i, out)) {
       drawing = false;
       continue;
     }
     const [bottom, top] = [y(out[0]), y(out[1])];
     if (!drawing || cut[i]) pen.moveTo(x[i] - HALF, bottom); // a lone sample is a dot
-    pen.lineTo(x[i], bottom);
+    if (dashed && drawing && !cut[i]) dashTo(pen, x[i - 1], before, x[i], bottom, piece.origin);
+    else pen.lineTo(x[i], bottom);
     if (top !== bottom) pen.lineTo(x[i], top);
+    before = top;
     drawing = true;
   }
   pen.stroke();
-  pen.setLineDash([]);
+}
+
+/** A line whose dashes belong to their time. */
+function dashTo(pen, x0, y0, x1, y1, origin) {
+  const slope = (y1 - y0) / (x1 - x0);
+  for (let x = x0; x < x1; ) {
+    const phase = phaseOf(x + origin);
+    const next = Math.min(x1, x + Math.max(0.01, (phase < DRAWN ? DRAWN : DASH) - phase));
+    if (phase < DRAWN) pen.lineTo(next, y0 + slope * (next - x0));
+    else pen.moveTo(next, y0 + slope * (next - x0));
+    x = next;
+  }
 }
 
 /** The area between the cells' extremes, half a line wider: four times faster than a stroke. */
-function fillArea({ pen, y }, { n, x, cut }, read, dashed) {
+function fillArea({ pen, y }, cells, read, dashed, piece) {
+  const { n, x, cut } = cells;
+  const [first, end] = cellsIn(cells, piece);
   if (tops.length < n) [tops, bottoms] = [new Float32Array(2 * n), new Float32Array(2 * n)];
   let begin = -1; // first cell of the unbroken piece
   let above = 0; // extremes of the cell before
   let below = 0;
-  for (let i = 0; i < n; i++) {
-    const known = !(dashed && isSpace(x[i])) && read(i, out);
+  for (let i = first; i < end; i++) {
+    const known = !(dashed && phaseOf(x[i] + piece.origin) >= DRAWN) && read(i, out);
     if (begin >= 0 && (!known || cut[i])) {
       fillPiece(pen, x, begin, i);
       begin = -1;
@@ -79,7 +120,7 @@ function fillArea({ pen, y }, { n, x, cut }, read, dashed) {
     below = bottom;
     if (begin < 0) begin = i;
   }
-  if (begin >= 0) fillPiece(pen, x, begin, n);
+  if (begin >= 0) fillPiece(pen, x, begin, end);
 }
 
 function fillPiece(pen, x, begin, end) {
@@ -93,43 +134,38 @@ function fillPiece(pen, x, begin, end) {
   pen.fill();
 }
 
-function isSpace(column) {
-  return ((Math.floor(column) % DASH) + DASH) % DASH >= DRAWN;
-}
+const phaseOf = (place) => ((place % DASH) + DASH) % DASH;
 
-export function drawBeyond(face, { n, x, wide, t }, read, { from, to, limits }) {
+export function drawBeyond(face, cells, read, { from, to, limits }, piece) {
   const { pen, y } = face;
+  const { x, wide, t } = cells;
+  const [first, end] = cellsIn(cells, piece);
   const stored = limits.map(Math.fround); // in the precision of samples: the limit itself counts
   const isAlways = from === -Infinity && to === Infinity;
-  const seen = [false, false];
-  const marked = [-Infinity, -Infinity];
+  const last = [-Infinity, -Infinity]; // exceedance of either side
   const none = [false, false];
   pen.fillStyle = face.palette.alert;
-  for (let i = 0; i < n; i++) {
+  for (let i = first; i < end; i++) {
     const known = (isAlways || (t(i) > from && t(i) <= to)) && read(i, out);
     const over = known && (out[0] <= stored[0] || out[1] >= stored[1]) ? isBeyond(stored, out[0], out[1]) : none;
     for (let side = 1; side >= 0; side--) {
-      if (over[side]) {
-        const [edge, peak] = [y(limits[side]), y(out[side])];
-        pen.fillRect(x[i] - wide / 2, Math.min(edge, peak), wide, Math.abs(edge - peak) + 1);
-        if (!seen[side] && x[i] - marked[side] >= SPARSE) {
-          face.triangle(x[i], side === 1);
-          marked[side] = x[i];
-        }
-      }
-      seen[side] = over[side];
+      if (!over[side]) continue;
+      const [edge, peak] = [y(limits[side]), y(out[side])];
+      pen.fillRect(x[i] - wide / 2, Math.min(edge, peak), wide, Math.abs(edge - peak) + 1);
+      if (x[i] - last[side] >= SPARSE && (i > 0 || x[i] >= 0)) triangle(pen, x[i], side === 1, face.height);
+      last[side] = x[i];
     }
   }
 }
 
-export function drawForecast(face, cells, read, { step, first, now, lead, x }, error) {
+export function drawForecast(face, cells, read, { step, now, lead, x }, piece, error) {
   const { pen } = face;
   const shift = lead / step;
+  const [first, end] = cellsIn(cells, piece, shift);
   if (error) fillInterval(x(now));
   pen.strokeStyle = face.palette.forecast;
   pen.lineWidth = 1.4;
-  if (cells.sparse && cells.n > 1) pen.setLineDash([6, 4]);
-  strokePart(-Infinity, x(now), !cells.sparse);
+  strokePart(-Infinity, x(now), true);
   pen.lineWidth = 3;
   pen.setLineDash(shift > 24 ? [7, 4] : [3, 2]);
   strokePart(x(now), Infinity, false);
@@ -138,7 +174,7 @@ export function drawForecast(face, cells, read, { step, first, now, lead, x }, e
   /** Of the forecasts of the future. */
   function fillInterval(left) {
     const future = [];
-    for (let i = 0; i < cells.n; i++) {
+    for (let i = first; i < end; i++) {
       const at = cells.x[i] + shift;
       if (at > left && read(i, out)) future.push([at, face.y(out[1] + error.high), face.y(out[0] + error.low)]);
     }
@@ -152,30 +188,41 @@ export function drawForecast(face, cells, read, { step, first, now, lead, x }, e
     pen.globalAlpha = 1;
   }
 
-  /** Strokes the part with left < x <= right; dashed by leaving out columns where `skipping`. */
-  function strokePart(left, right, skipping) {
+  /** Strokes the part with left < x <= right. */
+  function strokePart(left, right, dashed) {
     const { n, x: places, cut } = cells;
     let drawing = false;
+    let before = 0; // height of the cell before
     pen.beginPath();
-    for (let i = 0; i < n; i++) {
+    for (let i = first; i < end; i++) {
       const at = places[i] + shift;
       if (at > right) break;
       if (at <= left && !(i + 1 < n && places[i + 1] + shift > left)) continue;
-      if ((skipping && isSpace(Math.floor(places[i]) + first)) || !read(i, out)) {
+      if (!read(i, out)) {
         drawing = false;
         continue;
       }
-      if (cut[i]) drawing = false;
       const middle = face.y((out[0] + out[1]) / 2);
-      if (drawing) pen.lineTo(at, middle);
-      else pen.moveTo(at, middle);
+      if (!drawing || cut[i]) pen.moveTo(at, middle);
+      else if (dashed) dashTo(pen, places[i - 1] + shift, before, at, middle, piece.origin);
+      else pen.lineTo(at, middle);
+      before = middle;
       drawing = true;
     }
     pen.stroke();
   }
 }
 
-export function drawSafeBand(face, { t, low, high }, start, { x, width }, word, floor = -Infinity) {
+export function spanOf({ y }, { n, x }, read, after) {
+  let [top, bottom] = [Infinity, -Infinity];
+  for (let i = n - 1; i >= 0 && x[i] > after; i--) {
+    if (!read(i, out)) continue;
+    [top, bottom] = [Math.min(top, y(out[1])), Math.max(bottom, y(out[0]))];
+  }
+  return top <= bottom ? [top, bottom] : null;
+}
+
+export function drawSafeBand(face, { t, low, high }, start, { x, width }, word) {
   const { pen, y, palette } = face;
   const [left, right] = [x(start + t[0]), x(start + t.at(-1))];
   if (right < 0 || left > width) return;
@@ -194,10 +241,12 @@ export function drawSafeBand(face, { t, low, high }, start, { x, width }, word, 
   pen.font = `12px ${palette.font}`;
   const from = Math.max(0, left) + 4;
   if (word === "" || from + pen.measureText(word).width > Math.min(right, width)) return;
+  const height = face.free(face.height, [[y(Math.max(...high)), y(Math.min(...low))]]);
+  if (Number.isNaN(height)) return;
   pen.textAlign = "left";
-  pen.textBaseline = "bottom";
+  pen.textBaseline = "middle";
   pen.fillStyle = palette.dim;
-  pen.fillText(word, from, Math.min(face.height, y(floor)) - 3); // the trace is drawn over it
+  pen.fillText(word, from, height);
 }
 
 export function drawEnvelope(face, { t, low, high, predicted = null, word }, { x, now, width }) {
@@ -215,6 +264,6 @@ export function drawEnvelope(face, { t, low, high, predicted = null, word }, { x
   pen.lineWidth = 1.2;
   pen.stroke();
   if (predicted !== null) face.line(x(predicted), palette.alert, [4, 3], 2);
-  if (end - x(now) > face.wide(word))
-    face.word(word, (x(now) + end) / 2, 0.7 * face.height, palette.forecast);
+  const height = word === "" ? NaN : face.free(0.7 * face.height, [[y(Math.max(...high)), y(Math.min(...low))]]);
+  if (end - x(now) > face.wide(word) && Number.isFinite(height)) face.word(word, (x(now) + end) / 2, height, palette.forecast);
 }

@@ -36,9 +36,9 @@ export function createCrossPlot(canvas, { x, y, dt }) {
   let grounded = ""; // what the ground shows
   let look = 0; // counts changes of colours and flights
 
-  const plot = () => ({ width: Math.max(1, sheet.width - GUTTER - RIGHT), height: Math.max(1, sheet.height - LEGEND - FOOT) });
-  const left = (value) => PAD + x.axis.share(value) * (plot().width - 2 * PAD);
-  const top = (value) => LEGEND + PAD + (1 - y.axis.share(value)) * (plot().height - 2 * PAD);
+  const plot = { width: 1, height: 1 };
+  const left = (value) => PAD + x.axis.share(value) * (plot.width - 2 * PAD);
+  const top = (value) => LEGEND + PAD + (1 - y.axis.share(value)) * (plot.height - 2 * PAD);
 
   function visit(t, xLow, xHigh, yLow, yHigh, isCut) {
     const k = points.n;
@@ -82,12 +82,12 @@ export function createCrossPlot(canvas, { x, y, dt }) {
     if (now !== grounded) drawAxes(ground, limits);
     grounded = now;
     sheet.clear();
-    sheet.pen.drawImage(ground.canvas, -GUTTER, 0, sheet.width, sheet.height);
+    sheet.paste(ground.canvas, 0);
   }
 
   function drawAxes(face, limits) {
     const { pen, palette } = face;
-    const { width, height } = plot();
+    const { width, height } = plot;
     face.clear();
     pen.fillStyle = palette.grid;
     for (const value of axisTicks(x.axis)) pen.fillRect(Math.round(left(value)), LEGEND, 1, height);
@@ -199,7 +199,7 @@ export function createCrossPlot(canvas, { x, y, dt }) {
   /** Older samples are fainter. A bin of several samples is the box of their values. */
   function drawTrail(from, to) {
     const { pen, palette } = sheet;
-    const { width, height } = plot();
+    const { width, height } = plot;
     const span = Math.max(dt, to - from);
     pen.save();
     pen.beginPath();
@@ -274,6 +274,7 @@ export function createCrossPlot(canvas, { x, y, dt }) {
     resize: (...size) => {
       sheet.resize(...size);
       ground.resize(...size);
+      Object.assign(plot, { width: Math.max(1, sheet.width - GUTTER - RIGHT), height: Math.max(1, sheet.height - LEGEND - FOOT) });
       look += 1;
     },
     setPalette: (palette) => {

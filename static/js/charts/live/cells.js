@@ -1,21 +1,22 @@
 /**
  * The samples of the ring buffer in the window, cell by cell, once a frame for all strips.
  *
- * A cell is one sample while there is room for every sample, else one pixel column with all of its
+ * A cell is one sample while there is room for every sample, else one column of pixels with all of its
  * samples. Columns are counted from time zero, so that a trace moves without shimmering, and only new ones are read.
  *
  * createCells(ring, seriesOf) -> Cells, see ../trace.js     seriesOf: Map of key -> series
- *     scan({start, step, columns, before, dt})    start [s] is the left edge, step [s] a pixel; `before`
+ *     scan({start, step, first, columns, pitch}, {before, dt})    of a frame, see ../strip.js; `before`
  *       columns left of the edge are scanned too (for forecasts)
+ *     until()    place before which no cell changes any more [units]
  *     flags    flags of each cell's samples, or-ed
- * bandsOf(cells, {x, now, width, newest, samplePx}, stale) -> [{x0, x1, kind, word}] [px]     stale: "STALE 1.2 s", or ""
+ * bandsOf(cells, {x, now, width, pitch, newest, samplePx}, stale) -> [{x0, x1, kind, word}] [units], of whole columns     stale: "STALE 1.2 s", or ""
  */
 
 import { STATE_WORDS } from "../../lib/states.js";
 import { createColumns } from "./columns.js";
 import { BROKEN, FLAG } from "./ring_buffer.js";
 
-const DENSITY = 1; // samples a pixel up to which every sample is drawn
+const DENSITY = 1; // samples a column up to which every sample is drawn
 const RUNS = [
   ["warming_up", "warming"],
   ["not_assessed", "unassessed"],
@@ -26,10 +27,11 @@ const RUNS = [
 ];
 
 export function createCells(ring, seriesOf) {
-  const cells = { n: 0, sparse: true, wide: 1.5, scan, t, series, range, runs, gaps };
+  const cells = { n: 0, sparse: true, wide: 1.5, scan, until, t, series, range, runs, gaps };
   const columns = createColumns(ring, seriesOf.size);
   let capacity = 0;
   let samplePx = 0;
+  let [left, wide] = [0, 1]; // first column of the plot; units a column
   let anyFlags = 0;
 
   function reserve(n) {
@@ -43,10 +45,12 @@ export function createCells(ring, seriesOf) {
     cells.cut = new Uint8Array(capacity);
   }
 
-  function scan({ start, step, columns: width, before, dt }) {
+  function scan({ start, step, first, columns: width, pitch }, { before, dt }) {
+    const column = step * pitch; // s
+    [left, wide] = [first, pitch];
     reserve(Math.ceil(DENSITY * (width + before)) + 8);
-    const from = Math.max(ring.first(), ring.after(start - before * step) - 1);
-    const to = Math.min(ring.count(), ring.after(start + width * step, from) + 1);
+    const from = Math.max(ring.first(), ring.after(start - before * column) - 1);
+    const to = Math.min(ring.count(), ring.after(start + width * column, from) + 1);
     samplePx = dt / step;
     cells.n = 0;
     cells.sparse = to - from <= DENSITY * (width + before);
@@ -56,12 +60,16 @@ export function createCells(ring, seriesOf) {
       for (let i = from; i < to; i++) add((ring.time(i) - start) / step, i, i + 1);
       return;
     }
-    const first = Math.round(start / step);
-    columns.read(first - before, first + width, step);
+    columns.read(first - before, first + width, column);
     for (let k = first - before; k < first + width; k++) {
       const begin = Math.max(columns.from(k), ring.first());
-      if (columns.to(k) > begin) add(k - first + 0.5, begin, columns.to(k), k);
+      if (columns.to(k) > begin) add((k - first + 0.5) * pitch, begin, columns.to(k), k);
     }
+  }
+
+  function until() {
+    const last = cells.x?.[Math.max(0, cells.n - 2)] ?? 0;
+    return cells.sparse ? last : Math.min(last, (columns.whole() - left) * wide);
   }
 
   function add(x, from, to, column = 0) {
@@ -92,7 +100,7 @@ export function createCells(ring, seriesOf) {
 
   /** Where cell i ends: at the next one, or a sample's length on where samples are missing. */
   function endOf(i) {
-    const alone = cells.x[i] + Math.max(samplePx, cells.sparse ? 0 : 1);
+    const alone = cells.x[i] + Math.max(samplePx, cells.sparse ? 0 : wide);
     return i + 1 >= cells.n || cells.cut[i + 1] ? alone : cells.x[i + 1];
   }
 
@@ -117,7 +125,7 @@ export function createCells(ring, seriesOf) {
     if ((anyFlags & flag) === 0) return intervals;
     for (let i = 1; i < cells.n; i++) {
       if ((cells.flags[i] & flag) === 0) continue;
-      const x0 = cells.x[i - 1] + (cells.sparse ? samplePx : 0.5);
+      const x0 = cells.x[i - 1] + (cells.sparse ? samplePx : wide / 2);
       intervals.push({ x0, x1: Math.max(x0 + 2, cells.x[i]) });
     }
     return intervals;
@@ -126,15 +134,16 @@ export function createCells(ring, seriesOf) {
   return cells;
 }
 
-export function bandsOf(cells, { x, now, width, newest, samplePx }, stale) {
+export function bandsOf(cells, { x, now, width, pitch, newest, samplePx }, stale) {
   if (Number.isNaN(newest)) return [{ x0: 0, x1: width, kind: "stale", word: stale || "NO DATA" }];
   const end = x(newest) + samplePx;
   const edge = Math.max(end, x(now));
-  const named = (intervals, kind, word) => intervals.map((run) => ({ ...run, kind, word }));
+  const whole = (at) => Math.floor(at / pitch + 1e-3) * pitch;
+  const named = (intervals, kind, word) => intervals.map((run) => ({ x0: whole(run.x0), x1: whole(run.x1), kind, word }));
   return [
     ...named(cells.gaps(FLAG.gap), "gap", "GAP"),
     ...named(cells.gaps(FLAG.thinned), "thinned", "SKIPPED"),
     ...RUNS.flatMap(([flag, kind]) => named(cells.runs(FLAG[flag], edge), kind, STATE_WORDS[flag] ?? "ALERT")),
-    ...(stale ? [{ x0: end, x1: Math.max(edge, end + 2), kind: "stale", word: stale }] : []),
+    ...named(stale ? [{ x0: end, x1: Math.max(edge, end + 2) }] : [], "stale", stale),
   ];
 }

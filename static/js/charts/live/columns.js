@@ -3,6 +3,7 @@
  *
  * createColumns(ring, series) -> Columns     columns are numbered from time zero
  *   read(first, last, step)      finds the samples of columns first..last-1;   step: seconds a column
+ *   whole()                      columns before this one do not change
  *   from(k), to(k)               samples from..to-1 of column k
  *   extents(s) -> (k, out) -> bool     least and greatest value of series s in column k; false where all are missing
  */
@@ -61,5 +62,5 @@ export function createColumns(ring, series) {
     };
   }
 
-  return { read, from: (k) => begins[k & mask], to: (k) => ends[k & mask], extents };
+  return { read, whole: () => whole, from: (k) => begins[k & mask], to: (k) => ends[k & mask], extents };
 }

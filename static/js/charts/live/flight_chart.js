@@ -238,16 +238,19 @@ function createSource({ strips, ring, seriesOf, intake, timeline, alertAbove, le
     return state() === "ok" && isCurrent(ahead, newest()) ? ahead : null;
   }
 
-  function read({ view, start, step, width, x }) {
-    const before = Math.ceil(lead / step) + 1;
-    cells.scan({ start, step, columns: width, before, dt: dt });
-    const where = { x, now: view.now, width, newest: newest(), samplePx: dt / step };
+  function read(window) {
+    const { view, step, pitch, width, x } = window;
+    const before = Math.ceil(lead / (step * pitch)) + 1;
+    cells.scan(window, { before, dt });
+    const where = { x, now: view.now, width, pitch, newest: newest(), samplePx: dt / step };
     const bands = bandsOf(cells, where, staleWord());
     const boxes = bands.filter(({ kind }) => kind === "invalid" || kind === "unassessed");
     const current = aheadNow();
     return {
       parts: [{ cells, colour: "trace", quiet: { boxes, colour: "dim", alpha: 1 } }],
       bands,
+      revision: `${ring.revision} ${cells.sparse}`,
+      until: Math.min(cells.until(), ...[view.now, current?.t[0]].map((t) => x(t ?? Infinity)).filter((at) => !Number.isNaN(at))),
       now: view.now,
       lead,
       ahead: current && { ...current, word: AHEAD },

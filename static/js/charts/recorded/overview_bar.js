@@ -34,10 +34,10 @@ export function createOverviewBar(canvas, strip, { timeWindow, start, end, entir
   }
 
   function draw(frame) {
-    const whole = { view: { start, end }, start, step: (end - start) / width(), first: 0, width: width(), x };
+    const whole = { view: { start, end }, start, step: (end - start) / width(), first: 0, columns: face.canvas.width - face.left, pitch: 1 / face.ratio, width: width(), x };
     const cells = cellsOf(entire(), null, whole);
     const parts = cells ? [{ cells, colour: "trace", quiet: { boxes: [] }, withdrawn: true }] : [];
-    drawStrip({ ...frame, ...UNMARKED, ...whole, parts });
+    drawStrip({ ...frame, ...UNMARKED, ...whole, parts, picture: NaN }); // the window is drawn over it
     for (const manoeuvre of manoeuvres) {
       pen.fillStyle = face.palette.text;
       const [x0, x1] = [x(manoeuvre.start), x(manoeuvre.end)];

@@ -180,6 +180,7 @@ function createSource(sources, { strips, timeWindow, dt, end, alertAbove = NaN, 
   let sets = caches.map(() => null); // as drawn
   let trails = null; // tiles of the cross plots' trails
   let turn = 0; // counts what arrives
+  let revision = 0; // counts changes of what is drawn
 
   function changed() {
     turn += 1;
@@ -193,9 +194,11 @@ function createSource(sources, { strips, timeWindow, dt, end, alertAbove = NaN, 
   }
 
   function read(window) {
-    const { view, width, x } = window;
-    for (const cache of caches) cache.want(view, width);
-    sets = caches.map((cache) => cache.best(view, width));
+    const { view, columns, x } = window;
+    for (const cache of caches) cache.want(view, columns);
+    const before = sets;
+    sets = caches.map((cache) => cache.best(view, columns));
+    if (sets.some((set, k) => set !== before[k])) revision += 1;
     const cells = sets.map((set, k) => cellsOf(set, sources[k].manoeuvres ?? null, window));
     const parts = cells.map((each, k) => ({
       cells: each,
@@ -207,6 +210,8 @@ function createSource(sources, { strips, timeWindow, dt, end, alertAbove = NaN, 
     return {
       parts: parts.filter((part) => part.cells !== null),
       bands: bandsOf(cells[0], own, x, all),
+      revision,
+      until: Infinity,
       now: NaN,
       lead: 0,
       ahead: null,
