@@ -87,11 +87,12 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     if (latest === undefined) put(text, held ? GOES_ON[status] : "");
     else if (now !== shown) text.replaceChildren(formatted(words(alike, open.length - alike.length)));
     shown = now;
-    if (warnings.length > 0) tone.start();
+    if (warnings.length > 0) tone.start(latest.kind === "limit" ? "limit" : "alert");
     else tone.stop();
-    if (warnings.length === 0 && cautions.some(({ number }) => !heard.has(number))) {
-      for (const { number } of cautions) heard.add(number);
-      tone.caution();
+    const unheard = cautions.filter(({ number }) => !heard.has(number));
+    if (warnings.length === 0 && unheard.length > 0) {
+      for (const { number } of unheard) heard.add(number);
+      tone.caution(unheard.at(-1).kind);
     }
   }
 

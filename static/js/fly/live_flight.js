@@ -58,7 +58,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   const following = createFollowing(panels.transport, { lead: () => steer("lead") });
   const markers = createFlightMarkers(
     { buttons: panels.calls, events: panels.events, last: panels.marker, refused: panels.refused, entry: panels.entry },
-    { set: (marker) => api.post(`${path}/markers`, marker), now: () => display?.t ?? null, heard: () => tone.caution(), unheard: () => tone.caution() },
+    { set: (marker) => api.post(`${path}/markers`, marker), now: () => display?.t ?? null, heard: ({ kind }) => tone.caution(kind), unheard: () => tone.caution() },
   );
   const limits = createFlightLimits(panels.limits, { api, path });
   const card = createTestCard(panels.card);
@@ -341,7 +341,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     const title = `${words}${hello.name} – Forewarn`;
     if (document.title !== title) document.title = title;
     const alone = isStale(headline) && !isStale(decided) && playback.playing;
-    if (alone && !cautioned) tone.caution();
+    if (alone && !cautioned) tone.caution("stale");
     cautioned = alone;
   }
 

@@ -12,6 +12,7 @@ import { isSimulated, limitsOfMonitor } from "../lib/catalog.js";
 import { button, errorLine, h, loadingView, put } from "../lib/dom.js";
 import { storeCheck, worstOf } from "../lib/session_check.js";
 import { showLiveFlight, tone } from "./live_flight.js";
+import { CALLOUTS } from "./tone.js";
 
 const TRIPS = 10; // requests that measure link and clock
 const SLOW = 250; // ms, the age from which on a display is stale
@@ -46,7 +47,9 @@ export function showSessionCheck(element, { query, api }) {
     const rows = new Map([...results.keys()].map((key) => [key, row(key)]));
     const small = { class: "button button-small" };
     const heard = h("span.row", { hidden: true }, button("I heard it", () => sound(true), small), button("I heard nothing", () => sound(false), small));
-    rows.get("sound").acts.append(button("Play the tone", play, small), heard);
+    const voice = h("input", { type: "checkbox", checked: tone.voice, onchange: chooseVoice });
+    const callouts = h("span.row", { hidden: !tone.voice }, CALLOUTS.map((name) => button(`“${name}”`, () => play(name), { ...small, "aria-label": `Play the callout ${name}` })));
+    rows.get("sound").acts.append(button("Play the tone", () => play(), small), h("label.row", voice, "spoken callouts after the tone"), callouts, heard);
     rows.get("drill").acts.append(button("Start the drill", startDrill, { ...small, ...needs("POST /flights") }));
     rows.get("link").acts.append(button("Measure again", measure, small));
     const page = h("div.page", h("div.panel.session-check",
@@ -140,25 +143,32 @@ export function showSessionCheck(element, { query, api }) {
       say("clock", Math.abs(best.apart) - best.took / 2 <= WRONG, `server ${(best.apart / 1000).toFixed(2).replace("-", "−")} s against this browser, ± ${(best.took / 2000).toFixed(2)} s (at most ${WRONG / 1000} s)`);
     }
 
-    function play() {
-      const tell = () => say("sound", blocked() === "" ? null : false, blocked() || "played: was it heard?");
+    function chooseVoice() {
+      tone.setVoice(voice.checked);
+      callouts.hidden = !voice.checked;
+      say("sound", null, "not done");
+    }
+
+    function play(callout) {
+      const tell = () => say("sound", blocked() === "" ? null : false, blocked() || `${tone.callout ? `“${tone.callout}”` : "tone"} played: was it heard?`);
       unsubscribe();
       unsubscribe = tone.subscribe(tell);
       tone.unlock();
-      tone.caution();
+      tone.caution(callout);
       heard.hidden = false;
       tell();
     }
 
-    /** Why the tone makes no sound; empty where it does. */
+    /** Why the tone makes no sound, or the voice; empty where they do. */
     function blocked() {
+      if (tone.state === "on" && tone.voice && tone.hasWords === false) return "the spoken words could not be read from the server: reload the page";
       return { muted: "muted in this browser: press M on the page of a flight", blocked: "the browser blocks sound: press the button again", unavailable: "this browser has no sound" }[tone.state] ?? "";
     }
 
     function sound(isHeard) {
       unsubscribe();
       heard.hidden = true;
-      say("sound", isHeard && blocked() === "", isHeard ? blocked() || "tone heard" : `tone not heard${blocked() ? `: ${blocked()}` : ""}`);
+      say("sound", isHeard && blocked() === "", isHeard ? blocked() || `tone ${tone.voice ? "and voice " : ""}heard` : `tone not heard${blocked() ? `: ${blocked()}` : ""}`);
       store();
     }
 

@@ -22,7 +22,7 @@ import { button, formatted, h, put } from "../lib/dom.js";
 import { isBeyond, limitsOf, limitText, marginOf, withLimits } from "../lib/limits.js";
 import { magnitudeIn, quantity } from "../lib/numbers.js";
 import { showMode } from "./status_strip.js";
-import { SOUND_WORDS } from "./tone.js";
+import { soundWords } from "./tone.js";
 
 const MOST = 3;
 const LETTERS = 12; // of a name
@@ -71,7 +71,7 @@ export function createWall(element, view, address, tone = null) {
   /** Only where an alarm would not be heard. */
   function showSound() {
     const state = tone?.state ?? "on";
-    put(sound, state === "on" ? "" : SOUND_WORDS[state]);
+    put(sound, state === "on" ? "" : soundWords(tone));
   }
 
   function draw({ words: [state, also = ""], level, mode, utc = null, t = null, channels = [], y = null, latched = [], why = "", widest = null }) {

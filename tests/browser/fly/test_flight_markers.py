@@ -24,6 +24,7 @@ def test_a_key_and_a_button_mark_the_flight_on_every_screen_and_in_its_record(fl
     shown = [view.locator(".marker-last") for view in (page, other)]
     for one in shown:
         expect(one).to_have_text(ABORT)
+    expect(other.locator(".mute")).to_have_attribute("data-callout", "abort")
     page.get_by_role("button", name="KNOCK IT OFF").click()
     for one in shown:
         expect(one).to_have_text(ABORT)

@@ -241,6 +241,7 @@ def test_paused_beyond_the_limit_everything_shows_that_it_exceeds(fly: Fly) -> N
     expect(fly.status("state")).to_have_text("▲ EXCEEDING")
     expect(fly.page).to_have_title(re.compile("^▲ EXCEEDING – "))
     expect(fly.banner).to_contain_text("LIMIT EXCEEDED at")
+    expect(fly.page.locator(".mute")).to_have_attribute("data-callout", "limit")
     expect(fly.page.locator(".gauge-panel")).not_to_contain_text(
         re.compile("exceed", re.IGNORECASE)
     )

@@ -347,3 +347,67 @@ def test_the_alarm_line_is_never_calm_after_an_exceedance(strips: Open) -> None:
     words, is_warned = page.evaluate(code, None)
     assert words.startswith("No unacknowledged alarms.")
     assert not is_warned
+
+
+def test_each_alarm_asks_for_its_own_callout(strips: Open) -> None:
+    asked = run(
+        strips(),
+        """
+        const asked = [];
+        const ask = (word) => asked.push(word);
+        const tone = { start: ask, stop() {}, caution: ask };
+        const element = document.createElement('div');
+        const panel = h.createAlarmPanel(element, { tone, acknowledge: null });
+        const channels = [{ key: 'Ny', symbol: 'N_y', unit: 'g', display_unit: 'g',
+          display_factor: 1, display_decimals: 2 }];
+        panel.describe({ epsilon: 0.1, lead: 0.5, limits: [], channels, warnings: [] });
+        const about = { t: 1, p_value: null, reason: 'late', acknowledged: null, by: null };
+        const exceedance = { channel: 'Ny', value: 0.6, limit: 0.5, judged: 'both' };
+        const raise = (number, kind, level) =>
+          panel.onAlarm({ ...about, number, kind, level, exceedance });
+        raise(1, 'stale', 'caution');
+        raise(2, 'risk', 'warning');
+        raise(3, 'limit', 'warning');
+        return asked;
+        """,
+    )
+    assert asked == ["stale", "alert", "limit"]
+
+
+def test_a_word_follows_the_tone_only_where_the_voice_is_chosen(strips: Open) -> None:
+    page = strips()
+    render = """
+        async ([voice, callout, act]) => {
+          let context;
+          const Context = class extends OfflineAudioContext {
+            constructor() { super(1, 3 * 22050, 22050); context = this; }
+          };
+          const tone = harness.createTone({ Context });
+          tone.setMuted(false);
+          tone.setVoice(voice);
+          while (voice && tone.hasWords === null) await new Promise(requestAnimationFrame);
+          tone[act](callout);
+          const samples = (await context.startRendering()).getChannelData(0);
+          const after = act === 'start' ? 0.9 : 1.25;
+          const loud = samples.subarray(after * 22050, (after + 0.25) * 22050);
+          return [Math.max(...loud) > 0.1, tone.hasWords, tone.callout];
+        }
+    """
+    for act, callout in (("start", "limit"), ("caution", "abort"), ("caution", "stale")):
+        assert page.evaluate(render, [True, callout, act]) == [True, True, callout]
+        assert page.evaluate(render, [False, callout, act])[0] is False
+    assert page.evaluate(render, [True, "frozen", "caution"])[0] is False
+
+
+def test_words_that_cannot_be_read_are_said_to_be_missing(
+    strips: Open, allowed_errors: list[str]
+) -> None:
+    allowed_errors.append("voice/limit.wav")
+    page = strips()
+    page.route("**/voice/limit.wav", lambda route: route.abort())
+    page.evaluate("harness.tone.setVoice(true)")
+    page.locator("#strips").click()
+    expect(page.locator("#mute")).to_have_text("Tone on, no voice")
+    page.unroute("**/voice/limit.wav")
+    page.evaluate("harness.tone.setVoice(true)")
+    expect(page.locator("#mute")).to_have_text("Voice on")

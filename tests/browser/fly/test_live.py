@@ -99,6 +99,7 @@ def test_a_link_that_is_cut_before_the_first_sample_is_stale_everywhere(
     if not silent:
         routes[0].close(code=CUT)
     live.state_says("STALE")
+    expect(page.locator(".mute")).to_have_attribute("data-callout", "stale")
     live.assert_no_number()
     expect(live.status("state")).to_have_text("◆ STALE")
     expect(page).to_have_title(re.compile("^◆ STALE – "))

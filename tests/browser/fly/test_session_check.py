@@ -82,6 +82,18 @@ def test_a_muted_or_unheard_tone_fails_and_is_in_the_record_of_the_next_flight(
     expect(event).to_have_count(1)
 
 
+def test_each_spoken_callout_is_played_by_its_button_once_chosen(check: Check) -> None:
+    check.open()
+    check.page.get_by_label("spoken callouts").check()
+    for word in ("alert", "limit", "abort", "stale"):
+        check.page.get_by_role("button", name=f"Play the callout {word}").click()
+        expect(check.row("sound")).to_contain_text(f"“{word}” played")
+    check.page.get_by_role("button", name="I heard it").click()
+    expect(check.row("sound")).to_contain_text("tone and voice heard")
+    check.page.reload()
+    expect(check.page.get_by_label("spoken callouts")).to_be_checked()
+
+
 def test_a_live_flight_without_a_check_has_that_in_its_record(check: Check) -> None:
     check.page.goto(f"{check.site.http}/#/fly")
     expect(check.page.locator(".check-line")).to_contain_text("not done")
