@@ -6,7 +6,6 @@ they are the same bits for any number of processes.
 
 import os
 import pickle
-import resource
 import signal
 import subprocess
 import sys
@@ -65,7 +64,7 @@ class ModelSimulator(FlightByFlight):
     model_name: str
     limits: ProcessLimits = ProcessLimits()
     about: Mapping[str, Any] = field(default_factory=dict)
-    processes: int = field(default_factory=lambda: len(os.sched_getaffinity(0)))
+    processes: int = field(default_factory=lambda: os.cpu_count() or 1)
 
     @property
     def name(self) -> str:
@@ -233,6 +232,8 @@ def _end(
 
 
 def _limited(megabytes: int) -> None:
+    import resource  # of POSIX alone
+
     memory = megabytes * 2**20
     resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

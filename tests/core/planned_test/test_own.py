@@ -327,3 +327,10 @@ def test_uniform_parameters_stay_within_their_spread():
     theta = evaluation_flights(small_test(replace(pitch, distribution="uniform")), 200).theta
     assert (np.abs(theta - [6.0, 1.0]) <= [1.1, 0.18]).all()
     assert np.ptp(theta[:, 0]) > 2.0
+
+
+def test_modules_that_declare_a_simulator_from_here_still_load():
+    from core.planned_test import own
+    from core.simulation import python_simulator
+
+    assert own.simulator is python_simulator.simulator
