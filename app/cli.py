@@ -21,6 +21,7 @@ COMMANDS = {
     "certificate": "write a monitor's results on fresh flights as a printable page",
     "campaign": "plan a build-up; clear, fly and identify its points one by one",
     "score": "score recorded telemetry with monitors",
+    "score-archive": "score a folder of recordings, and again what has changed",
     "report": "score recorded telemetry and write a printable HTML report",
     "sample-flight": "write a simulated flight as a CSV file to score",
     "serve": "serve the page and the API",

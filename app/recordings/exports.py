@@ -82,10 +82,13 @@ def columns(
     samples: npt.NDArray,
     in_force: Sequence[Mapping[str, Any]] | None = None,
     dictionary: Dictionary = LATERAL,
+    *,
+    always_attitude: bool = False,
 ) -> list[ExportColumn]:
     """The columns of stored samples in order; attitude only if recorded, and no channel.
 
     in_force: limits in force, see app.assessment.limits_history; columns per limited channel.
+    always_attitude: also if it is not recorded.
     """
     measured, predicted = (
         [
@@ -102,7 +105,8 @@ def columns(
     attitude = [
         ExportColumn(angle, "rad", samples["attitude"][:, c])
         for c, angle in enumerate(ANGLES)
-        if angle not in dictionary.keys and np.isfinite(samples["attitude"][:, c]).any()
+        if angle not in dictionary.keys
+        and (always_attitude or np.isfinite(samples["attitude"][:, c]).any())
     ]
     return [
         ExportColumn("t", "s", samples["t"]),

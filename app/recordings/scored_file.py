@@ -109,18 +109,28 @@ class MappingMemory:
             store.close()
 
 
-def score_file(request: ScoreRequest, memory: MappingMemory | None = None) -> ScoredFile:
-    """Score a file by each monitor at each epsilon.
-
-    memory: provides the aircraft's mapping if none is given; otherwise stores the given one after
-    scoring. UselessMonitor unless accepted.
-    """
+def load_monitors(request: ScoreRequest) -> list[Monitor]:
+    """The monitors of a request. UselessMonitor unless accepted."""
     monitors = [load(path) for path in request.monitors]
     for monitor in monitors:
         for epsilon in request.epsilons:
             checked = monitor.check_epsilon(epsilon)
             if len(monitors) == 1 and not request.accept_useless:
                 _check_use(request.monitors[0], monitor, checked)
+    return monitors
+
+
+def score_file(
+    request: ScoreRequest,
+    memory: MappingMemory | None = None,
+    monitors: list[Monitor] | None = None,
+) -> ScoredFile:
+    """Score a file by each monitor at each epsilon.
+
+    memory: provides the aircraft's mapping if none is given; otherwise stores the given one after
+    scoring.   monitors: of the request, if they are loaded. UselessMonitor unless accepted.
+    """
+    monitors = load_monitors(request) if monitors is None else monitors
     with columns_of(request.file) as columns:
         contents = columns.contents
         proposal = None if request.mapping else _proposed(columns, request, monitors, memory)

@@ -17,9 +17,15 @@ TRIM_SEGMENT, NO_TRIM = "trim-segment", "none"
 SETTINGS = "With --aircraft, FOREWARN_* variables set the data directory."
 
 
-def add_scoring_options(parser: argparse.ArgumentParser) -> None:
+def add_scoring_options(
+    parser: argparse.ArgumentParser,
+    file: str = "file FILE",
+    text: str = "telemetry in any known format",
+    aircraft: str = "use its stored mapping; a given mapping is stored for it",
+) -> None:
+    """file, text: name and help of what is scored.   aircraft: what naming one does."""
     option(parser, "monitors MONITOR", "monitor files", type=Path, nargs="+")
-    option(parser, "file FILE", "telemetry in any known format", type=Path)
+    option(parser, file, text, type=Path)
     option(
         parser,
         "--epsilon E[,E...]",
@@ -31,7 +37,7 @@ def add_scoring_options(parser: argparse.ArgumentParser) -> None:
     option(parser, "--mapping FILE.json", "mapping of signals; proposed if absent", type=Path)
     option(parser, "--rate '50 Hz[ from 12:31:05]'", "sample rate of a file without times")
     option(parser, "--group NAME", "flight to map if the file has several", default="")
-    option(parser, "--aircraft NAME", "use its stored mapping; a given mapping is stored for it")
+    option(parser, "--aircraft NAME", aircraft)
     option(
         parser,
         "--trim SECONDS|trim-segment|none",

@@ -1,17 +1,21 @@
 """Run readers in separate processes: start one, send it an order, read its answer.
 
 A server starts a spare process during an upload, and another after each use, so that the next file
-does not wait for libraries to load. A command reads one file and starts no spare.
+does not wait for libraries to load. A command reads one file and starts no spare; one that reads
+many files of one owner keeps a process for the next file, until one ends it.
 A reader process ends when its parent ends, for whatever reason.
 """
 
 import atexit
 import json
 import os
+import select
 import signal
 import subprocess
 import sys
-from contextlib import suppress
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
 from typing import Any
 
@@ -29,10 +33,25 @@ ENDS = {"SIGALRM": "slow", "SIGXCPU": "slow", "SIGKILL": "large"}
 """Meaning of a signal from the system, which sends SIGKILL when memory runs out."""
 
 _spares: SimpleQueue[Worker] = SimpleQueue()
+_keeping: list[bool] = []
+
+
+@contextmanager
+def kept_readers() -> Iterator[None]:
+    """Let a process that has read a file read the next one, while the block runs."""
+    _keeping.append(True)
+    try:
+        yield
+    finally:
+        _keeping.pop()
+        _end_spares()
 
 
 def carry_out(order: dict[str, Any]) -> dict[str, Any]:
-    """Run an order and return the answer. Safe in any thread; the process has ended on return."""
+    """Run an order and return the answer. Safe in any thread; the process has ended on return,
+    or waits for the next order."""
+    if _keeping and sys.platform != "win32":
+        return _carry_out_next(order)
     had_spare = not _spares.empty()
     worker = _spare_or_new()
     try:
@@ -41,6 +60,37 @@ def carry_out(order: dict[str, Any]) -> dict[str, Any]:
         _end(worker)
         if had_spare:
             warm_up()
+
+
+def _carry_out_next(order: dict[str, Any]) -> dict[str, Any]:
+    """Run an order in the kept process, which is kept on if it has read or refused the file."""
+    worker, is_kept = _spare_or_new(), False
+    try:
+        result = _next_answer(worker, order)
+        is_kept = result["end"] in ("read", "refused")
+    finally:
+        if is_kept:
+            _spares.put(worker)
+        else:
+            _end(worker)
+    return result
+
+
+def _next_answer(worker: Worker, order: dict[str, Any]) -> dict[str, Any]:
+    assert worker.stdin
+    assert worker.stdout
+    with suppress(BrokenPipeError):
+        worker.stdin.write(json.dumps(order | {"is_last": False}).encode() + b"\n")
+        worker.stdin.flush()
+    end, answer = time.monotonic() + order["seconds"] + GRACE_SECONDS, b""
+    while not answer.endswith(b"\n"):
+        if not select.select([worker.stdout], [], [], max(0.0, end - time.monotonic()))[0]:
+            return {"end": "slow"}
+        if not (piece := os.read(worker.stdout.fileno(), 65_536)):
+            worker.wait(GRACE_SECONDS)
+            break
+        answer += piece
+    return _result(worker, answer)
 
 
 def warm_up() -> None:
@@ -84,6 +134,11 @@ def _answer(worker: Worker, order: dict[str, Any]) -> dict[str, Any]:
             answer, _ = worker.communicate(timeout=order["seconds"] + GRACE_SECONDS)
         except subprocess.TimeoutExpired:
             return {"end": "slow"}
+    return _result(worker, answer)
+
+
+def _result(worker: Worker, answer: bytes) -> dict[str, Any]:
+    """An answer, or the reason why the process ended without one."""
     try:
         return json.loads(answer)
     except ValueError:

@@ -1,4 +1,4 @@
-"""The process that reads one file: one order, one answer, then it ends.
+"""The process that reads one file: one order, one answer, then it ends, unless more files follow.
 
 The order is a line of JSON on standard input, which stays open while the parent waits for the
 answer, JSON on standard output. The system ends a process that exceeds its limits or whose parent
@@ -45,11 +45,16 @@ def main() -> None:
         with suppress(ImportError):
             import_module(module)
     with open(orders, "rb", closefd=False) as lines:
-        line = lines.readline()
-    if line:
-        order = json.loads(line)
-        _limit(order, orders)
-        os.write(answers, json.dumps(read(order)).encode())
+        for line in lines:
+            order = json.loads(line)
+            is_last = order.get("is_last", True)
+            _limit(order, orders, is_last)
+            answer = json.dumps(read(order)).encode() + b"\n"
+            if not is_last:
+                _wait_for_more(orders)
+            os.write(answers, answer)
+            if is_last:
+                break
     os._exit(0)
 
 
@@ -74,8 +79,11 @@ def read(order: dict[str, Any]) -> dict[str, Any]:
     return {"end": "read"}
 
 
-def _limit(order: dict[str, Any], orders: int) -> None:
-    """Let the system end this process if it exceeds its limits or `orders` is closed."""
+def _limit(order: dict[str, Any], orders: int, is_last: bool) -> None:
+    """Let the system end this process if it exceeds its limits or `orders` is closed.
+
+    Hard limits, which cannot be raised for the next order, are for the last one.
+    """
     if sys.platform == "win32":
         return
     import fcntl
@@ -89,12 +97,20 @@ def _limit(order: dict[str, Any], orders: int) -> None:
         (resource.RLIMIT_DATA, memory, memory),  # mapped files and reservations are not counted
     ):
         with suppress(ValueError, OSError):
-            resource.setrlimit(limit, (soft, hard))
+            resource.setrlimit(limit, (soft, hard if is_last else resource.getrlimit(limit)[1]))
     signal.setitimer(signal.ITIMER_REAL, order["seconds"])
     fcntl.fcntl(orders, fcntl.F_SETOWN, os.getpid())
     fcntl.fcntl(orders, fcntl.F_SETFL, os.O_ASYNC)  # SIGIO when it is closed
     if _is_ready(orders, 0.0):
         os._exit(0)
+
+
+def _wait_for_more(orders: int) -> None:
+    """End neither by time nor by input until the next order, or the end of orders, is read."""
+    import fcntl
+
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
+    fcntl.fcntl(orders, fcntl.F_SETFL, 0)
 
 
 def _is_ready(orders: int, within: float) -> bool:

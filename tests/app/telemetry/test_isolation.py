@@ -238,3 +238,27 @@ def test_no_process_outlives_a_program_that_is_killed(task, tmp_path):
             assert int((tmp_path / "begun").read_text()) == pid
         program.kill()
     assert has_ended(pid)
+
+
+def test_a_kept_reader_reads_one_file_after_another(write, tmp_path):
+    path = write(TABLE)
+    with isolation.kept_readers():
+        for k in range(3):
+            assert read_file(path, tmp_path / f"columns{k}").groups[0].n_rows == 3
+        reader = isolation._spares.get_nowait()
+        isolation._spares.put(reader)
+        with pytest.raises(TelemetryError, match="29 of the 119 rows"):
+            read_file(write(TABLE * 30, "bad.csv"), tmp_path / "bad")
+        assert reader.poll() is None
+        assert isolation._spares.qsize() == 1
+    assert reader.returncode is not None
+    assert isolation._spares.empty()
+
+
+@pytest.mark.parametrize("deed", ["crash", "burn", "hold", "eat", "refuse"])
+def test_a_kept_reader_keeps_its_limits(deed, write, wicked, tmp_path):
+    with isolation.kept_readers():
+        read_file(write(TABLE), tmp_path / "before")
+        with pytest.raises(TelemetryError, match=OUTCOMES[deed]):
+            wicked(deed)
+        assert read_file(write(TABLE), tmp_path / "after").groups[0].n_rows == 3

@@ -1,0 +1,52 @@
+"""`forewarn score-archive`: score a folder of recordings into Parquet files."""
+
+import argparse
+import os
+import sys
+from dataclasses import asdict
+
+from app.commands.options.option import add_output, option
+from app.commands.options.scoring import add_scoring_options, request_of
+from app.commands.output.results import print_result, progress_bar
+from core.counted import counted
+
+INTERRUPTED = 130
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    add_scoring_options(
+        parser,
+        "file SOURCE",
+        "folder of recordings; those in its folders too",
+        "of all recordings; the name of the first folder if absent",
+    )
+    option(parser, "--workers N", "processes; one for each core if absent", type=int)
+    add_output(parser, "DIR", "folder of the results, which are continued if there are any")
+    parser.set_defaults(aircraft=None)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Returns 1 where no recording could be scored."""
+    from app.recordings.archive import ArchiveRequest, score_archive  # slow to import
+
+    if options.out is None:
+        raise ValueError("no folder for the results is given: give --out DIR")
+    workers = os.cpu_count() or 1 if options.workers is None else options.workers
+    if workers < 1:
+        raise ValueError(f"workers={workers}: give 1 or more")
+    aircraft, options.aircraft = options.aircraft, None
+    request, _ = request_of(options)
+    try:
+        with progress_bar("recordings") as show:
+            done = score_archive(ArchiveRequest(request, options.out, aircraft, workers), show)
+    except KeyboardInterrupt:
+        print("forewarn: interrupted; the same command continues", file=sys.stderr)
+        return INTERRUPTED
+    for flight, reason in done.failed.items():
+        print(f"not scored: {flight}: {reason}", file=sys.stderr)
+    text = (
+        f"{counted(done.scored, 'recording')} scored, {done.unchanged} unchanged, "
+        f"{len(done.failed)} not scored; see {options.out / 'summary.parquet'}"
+    )
+    print_result(options, text, asdict(done))
+    return 0 if done.is_done else 1

@@ -1,0 +1,317 @@
+"""Score the recordings of a folder tree into Parquet files that other programs read as they are.
+
+    OUT/summary.parquet        a row for each flight and scoring
+        files.parquet          a row for each file of the source, with the reason if it failed
+        samples/monitor=M/aircraft=A/month=YYYY-MM/ID.parquet
+        flights/ID.json        what was scored, by what; written last: work continues after it
+
+ID is of the file's path. A flight is scored again when its file, a monitor, the mapping, a setting
+or the program has changed.
+"""
+
+import hashlib
+import json
+import re
+import signal
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+
+from app import json_codec
+from app.recordings.exports import EXPORTS, ExportColumn, columns
+from app.recordings.files import digest_of
+from app.recordings.scored_file import Scored, ScoreRequest, labels, load_monitors, score_file
+from app.telemetry.readers import isolation
+from core import __version__
+from core.monitor import Monitor
+from core.whole_file import whole_file, write_whole
+
+ID_LETTERS = 16
+UNKNOWN = "__HIVE_DEFAULT_PARTITION__"
+"""Name of a partition without a value."""
+FIRST_DATE = 1e8
+"""Times of samples above this are seconds since 1970 [s]."""
+MONTH = re.compile(
+    r"(?<!\d)((?:19|20)\d\d)[-_.]?(0[1-9]|1[0-2])(?:[-_.]?(?:0[1-9]|[12]\d|3[01]))?(?!\d)"
+)
+"""A date in a path, with or without its day."""
+COUNTS = (
+    *("n_samples", "manoeuvres", "exceedances", "exceedances_outside", "alerts"),
+    *("warned_in_time", "warned_late", "misses", "false_alarms", "quiet", "no_verdict"),
+    *("valid", "not_valid", "validity_unknown"),
+)
+SUMMARY = (
+    dict.fromkeys(("monitor", "aircraft", "flight", "month", "samples"), "string")
+    | dict.fromkeys(("epsilon", "start", "end", "peak_risk"), "float64")
+    | dict.fromkeys(COUNTS, "int64")
+)
+FILES = {"flight": "string", "size": "int64", "digest": "string", "error": "string"}
+"""Types of the columns of the tables."""
+
+
+@dataclass(frozen=True)
+class ArchiveRequest:
+    """score: the file is the folder of the recordings.   aircraft: None: the first folder's name.
+
+    workers: processes that score at once.
+    """
+
+    score: ScoreRequest
+    out: Path
+    aircraft: str | None = None
+    workers: int = 1
+
+
+@dataclass(frozen=True)
+class Archived:
+    """Numbers of flights.   failed: reason by file."""
+
+    scored: int
+    unchanged: int
+    failed: dict[str, str]
+
+    @property
+    def is_done(self) -> bool:
+        return self.scored + self.unchanged > 0
+
+
+@dataclass(frozen=True)
+class ArchiveFile:
+    """A file to score.   record: where its result is stored."""
+
+    path: Path
+    flight: str
+    record: Path
+
+
+class ArchiveScorer:
+    """Scores the files of an archive with monitors that are loaded once."""
+
+    def __init__(self, request: ArchiveRequest) -> None:
+        self._request = request
+        self._monitors: list[Monitor] = load_monitors(request.score)
+        score = request.score
+        self._digests = {path: digest_of(path) for path in score.monitors}
+        several = labels(score)
+        self._names = several if len(several) > 1 else [score.monitors[0].stem]
+        self._about = {
+            "monitors": [self._digests[path] for path in score.monitors],
+            "epsilons": score.epsilons,
+            "mapping": score.mapping and score.mapping.to_plain(),
+            "rate": score.rate and asdict(score.rate),
+            "group": score.group,
+            "recipe": asdict(score.recipe),
+            "aircraft": request.aircraft,
+            "version": __version__,
+        }
+
+    def __call__(self, file: ArchiveFile) -> dict[str, Any]:
+        """The record of a flight, stored unless it is unchanged. OSError if it cannot be stored."""
+        try:
+            content = digest_of(file.path)
+            key = hashlib.sha256(json_codec.encode({**self._about, "file": content})).hexdigest()
+            before = read_record(file.record)
+            if before.get("key") == key:
+                return before | {"is_unchanged": True}
+            request = replace(self._request.score, file=file.path)
+            scored = score_file(request, monitors=self._monitors)
+        except Exception as error:  # whatever is wrong with one file, the others are scored
+            file.record.unlink(missing_ok=True)
+            return {"flight": file.flight, "error": _reason(error, file)}
+        rows = [
+            self._stored(file, each, name)
+            for each, name in zip(scored.scored, self._names, strict=True)
+        ]
+        record = {"flight": file.flight, "key": key, "digest": content, "scorings": rows}
+        record["size"] = file.path.stat().st_size
+        mapping = {"mapping": scored.mapping.to_plain()}
+        write_whole(file.record, json_codec.encode(record | mapping))
+        return record
+
+    def _stored(self, file: ArchiveFile, scored: Scored, name: str) -> dict[str, Any]:
+        """Write the samples of a scoring; return its row of the summary."""
+        parts = file.flight.split("/")
+        aircraft = self._request.aircraft or (parts[0] if len(parts) > 1 else None)
+        samples = scored.recording.samples
+        month = month_of(file.flight, float(samples["t"][0]) if len(samples) else 0.0)
+        path = "/".join(
+            [
+                "samples",
+                f"monitor={quote(name, safe=' ')}",
+                f"aircraft={UNKNOWN if aircraft is None else quote(aircraft, safe=' ')}",
+                f"month={month or UNKNOWN}",
+                f"{file.record.stem}.parquet",
+            ]
+        )
+        row = {"monitor": name, "aircraft": aircraft, "flight": file.flight, "month": month}
+        row |= summary_of(scored) | {"samples": path}
+        about = {
+            "flight": file.flight,
+            "epsilon": scored.recording.epsilon,
+            "monitor": self._digests[scored.path],
+            "limits_in_force": scored.recording.limits_in_force,
+        }
+        place = self._request.out / path
+        place.parent.mkdir(parents=True, exist_ok=True)
+        of_flight = ExportColumn(
+            "flight", "", np.zeros(len(samples), np.int32), words=(file.flight,)
+        )
+        of_samples = columns(samples, None, scored.monitor.dictionary, always_attitude=True)
+        with whole_file(place) as opened:
+            EXPORTS["parquet"].write([of_flight, *of_samples], about, opened)
+        return row
+
+
+def summary_of(scored: Scored) -> dict[str, Any]:
+    """Numbers of a scoring: of manoeuvres, but for `alerts`, runs of alerts; times in [s]."""
+    recording = scored.recording
+    outcomes = [manoeuvre.outcome for manoeuvre in recording.manoeuvres]
+    valid = [manoeuvre.validity.valid for manoeuvre in recording.manoeuvres]
+    risks = [each.peak_risk for each in recording.manoeuvres if each.peak_risk is not None]
+    t = recording.samples["t"]
+    return {
+        "epsilon": recording.epsilon,
+        "start": float(t[0]) if len(t) else None,
+        "end": float(t[-1]) if len(t) else None,
+        "n_samples": len(t),
+        "manoeuvres": len(outcomes),
+        "exceedances": sum(
+            (each.exceedance or each.recorded_exceedance) is not None
+            for each in recording.manoeuvres
+        ),
+        "exceedances_outside": len(recording.outside_exceedances),
+        "alerts": sum(len(each.alerts) for each in recording.manoeuvres),
+        "warned_in_time": outcomes.count("timely_alert"),
+        "warned_late": outcomes.count("late_alert"),
+        "misses": outcomes.count("missed"),
+        "false_alarms": outcomes.count("false_alert"),
+        "quiet": outcomes.count("quiet"),
+        "no_verdict": sum(each in ("unseen", "invalid", "unknown") for each in outcomes),
+        "valid": valid.count(True),
+        "not_valid": valid.count(False),
+        "validity_unknown": valid.count(None),
+        "peak_risk": max(risks, default=None),
+    }
+
+
+def month_of(flight: str, start: float) -> str | None:
+    """Month of a flight as YYYY-MM: of its first sample, else of a date in its path, else None."""
+    if start > FIRST_DATE:
+        return datetime.fromtimestamp(start, UTC).strftime("%Y-%m")
+    dates = MONTH.findall(flight)
+    return "-".join(dates[-1]) if dates else None
+
+
+def score_archive(
+    request: ArchiveRequest, progress: Callable[[int, int], None] = lambda *_: None
+) -> Archived:
+    """Score what has changed in an archive, and write its tables.
+
+    ValueError for a source or monitors that cannot be used; OSError.
+    """
+    files = list(_files(request))
+    if not files:
+        raise ValueError(f"{request.score.file} holds no files: give a folder of recordings")
+    records = request.out / "flights"
+    stored = set(records.glob("*.json"))
+    present = {file.record for file in files}
+    if stored and not stored & present:
+        raise ValueError(
+            f"{request.out} holds the results of other recordings than {request.score.file}: give "
+            "another --out"
+        )
+    records.mkdir(parents=True, exist_ok=True)
+    for gone in stored - present:
+        gone.unlink()
+    results = list[dict[str, Any]]()
+    for result in _scored(request, files):
+        results.append(result)
+        progress(len(results), len(files))
+    results.sort(key=lambda result: result["flight"])
+    rows = [row for result in results for row in result.get("scorings", ())]
+    _write(request.out / "summary.parquet", rows, SUMMARY)
+    _write(request.out / "files.parquet", results, FILES)
+    named = {request.out / row["samples"] for row in rows}
+    for samples in (request.out / "samples").rglob("*.parquet"):
+        if samples not in named:
+            samples.unlink()
+    failed = {each["flight"]: each["error"] for each in results if "error" in each}
+    unchanged = sum(bool(each.get("is_unchanged")) for each in results)
+    return Archived(len(results) - len(failed) - unchanged, unchanged, failed)
+
+
+def _files(request: ArchiveRequest) -> Iterator[ArchiveFile]:
+    root, out = request.score.file, request.out.resolve()
+    if not root.is_dir():
+        raise ValueError(f"{root} is not a folder: give the folder of the recordings")
+    for path in sorted(root.rglob("*")):
+        inside = path.relative_to(root)
+        if any(part.startswith(".") for part in inside.parts) or out in path.resolve().parents:
+            continue
+        if path.is_file():
+            flight = inside.as_posix()
+            name = hashlib.sha256(flight.encode()).hexdigest()[:ID_LETTERS]
+            yield ArchiveFile(path, flight, request.out / "flights" / f"{name}.json")
+
+
+def _scored(request: ArchiveRequest, files: list[ArchiveFile]) -> Iterator[dict[str, Any]]:
+    """The record of each file, as it is done. Readers are processes that read many files."""
+    scorer = ArchiveScorer(request)  # refuses monitors before a process starts
+    if request.workers == 1:
+        with isolation.kept_readers():
+            yield from map(scorer, files)
+        return
+    context = get_context("spawn")
+    with ProcessPoolExecutor(request.workers, context, _open, (request,)) as pool:
+        try:
+            for done in as_completed([pool.submit(_score, file) for file in files]):
+                yield done.result()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+_OPENED: list[ArchiveScorer] = []
+
+
+def _open(request: ArchiveRequest) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends its workers
+    isolation.kept_readers().__enter__()
+    _OPENED.append(ArchiveScorer(request))
+
+
+def _score(file: ArchiveFile) -> dict[str, Any]:
+    return _OPENED[0](file)
+
+
+def read_record(path: Path) -> dict[str, Any]:
+    """The stored record of a flight; empty if there is none, or if its samples are missing."""
+    try:
+        record = json.loads(path.read_text())
+        samples = [path.parents[1] / row["samples"] for row in record["scorings"]]
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
+    record.pop("mapping", None)
+    return record if all(file.is_file() for file in samples) else {}
+
+
+def _reason(error: Exception, file: ArchiveFile) -> str:
+    words = str(error) if isinstance(error, ValueError | OSError) else repr(error)
+    return words.removeprefix(f"{file.path}: ")
+
+
+def _write(path: Path, rows: list[dict[str, Any]], kinds: dict[str, str]) -> None:
+    import pyarrow as pa
+    from pyarrow.parquet import write_table
+
+    schema = pa.schema([(name, pa.type_for_alias(kind)) for name, kind in kinds.items()])
+    table = pa.Table.from_pylist(rows, schema)
+    with whole_file(path) as file:
+        write_table(table, file)

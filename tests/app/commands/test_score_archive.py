@@ -1,0 +1,178 @@
+"""`forewarn score-archive`: each recording as `forewarn score` judges it, and only what changed."""
+
+import csv
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.dataset as pads
+import pyarrow.parquet as pq
+import pytest
+
+from app.cli import main
+from app.recordings import archive
+from app.recordings.archive import month_of
+from tests.support.places import DATA
+
+pytestmark = pytest.mark.usefixtures("read_here")
+MONITOR_FILE = DATA / "version_0_1_0" / "certified.fwm"
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of recordings, one of them damaged."""
+    folder = tmp_path_factory.mktemp("flown")
+    for seed, name in enumerate(("PH-LAB/2024-05/one.csv", "PH-LAB/20240601.csv", "D-FLY/two.csv")):
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        assert main(["sample-flight", "--seed", str(seed), "-o", str(path)]) == 0
+    (folder / "bad.csv").write_text("junk\n")
+    return folder
+
+
+@pytest.fixture
+def source(flown: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(flown, tmp_path / "source")
+
+
+@pytest.fixture
+def scored(
+    source: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., dict[str, Any]]:
+    """Score the archive; what the command printed."""
+
+    def score(*more: str) -> dict[str, Any]:
+        capsys.readouterr()
+        out = ["--out", str(tmp_path / "out"), "--workers", "1", "--json"]
+        assert main(["score-archive", str(MONITOR_FILE), str(source), *out, *more]) == 0
+        return json.loads(capsys.readouterr().out)
+
+    return score
+
+
+def tables(out: Path) -> list[Any]:
+    return [pq.read_table(out / f"{name}.parquet").to_pylist() for name in ("summary", "files")]
+
+
+def test_a_recording_has_the_bits_and_the_judgement_of_score(
+    source: Path, tmp_path: Path, scored: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert scored()["scored"] == 3
+    row = next(row for row in tables(tmp_path / "out")[0] if row["flight"] == "D-FLY/two.csv")
+    one = tmp_path / "one"
+    file = str(source / "D-FLY/two.csv")
+    assert main(["score", str(MONITOR_FILE), file, "-o", str(one), "--json"]) == 0
+    plain = json.loads(capsys.readouterr().out)["scorings"][0]
+    table = pq.read_table(tmp_path / "out" / row["samples"])
+    with (one / "assessments.csv").open() as lines:
+        rows = list(csv.DictReader(lines))
+    for name in ("t", "p_value", "alert", "state", "beta", "predicted_p"):
+        column = next(key for key in rows[0] if key == name or key.startswith(f"{name}_"))
+        stored = ["" if value is None else value for value in table[name].to_pylist()]
+        written = [each[column] for each in rows]
+        if name in ("alert", "state"):
+            assert [str(value).lower() for value in stored] == [each.lower() for each in written]
+        else:
+            numbers = [np.nan if value == "" else float(value) for value in written]
+            np.testing.assert_array_equal([np.nan if x == "" else x for x in stored], numbers)
+    outcomes = [manoeuvre["outcome"] for manoeuvre in plain["manoeuvres"]]
+    assert row["manoeuvres"] == len(outcomes)
+    assert row["misses"] == outcomes.count("missed")
+    assert row["warned_in_time"] == outcomes.count("timely_alert")
+    assert row["false_alarms"] == outcomes.count("false_alert")
+    assert row["peak_risk"] == max(each["peak_risk"] for each in plain["manoeuvres"])
+    assert row["epsilon"] == plain["epsilon"]
+
+
+def test_the_tables_are_read_by_aircraft_and_month(
+    source: Path, tmp_path: Path, scored: Any
+) -> None:
+    told = scored()
+    assert list(told["failed"]) == ["bad.csv"]
+    summary, files = tables(tmp_path / "out")
+    places = [(row["aircraft"], row["month"], row["flight"]) for row in summary]
+    assert places == [
+        ("D-FLY", None, "D-FLY/two.csv"),
+        ("PH-LAB", "2024-05", "PH-LAB/2024-05/one.csv"),
+        ("PH-LAB", "2024-06", "PH-LAB/20240601.csv"),
+    ]
+    assert [row["flight"] for row in files if row["error"]] == ["bad.csv"]
+    samples = pads.dataset(tmp_path / "out" / "samples", partitioning="hive").to_table()
+    assert {*samples["month"].to_pylist()} == {None, "2024-05", "2024-06"}
+    assert samples.num_rows == sum(row["n_samples"] for row in summary)
+    assert {*samples["flight"].to_pylist()} == {row["flight"] for row in summary}
+
+
+def test_only_what_changed_is_scored_again(source: Path, tmp_path: Path, scored: Any) -> None:
+    scored()
+    before = tables(tmp_path / "out")
+    again = scored()
+    assert (again["scored"], again["unchanged"]) == (0, 3)
+    assert tables(tmp_path / "out") == before
+    shutil.copy(source / "D-FLY/two.csv", source / "PH-LAB/20240601.csv")
+    shutil.copy(source / "D-FLY/two.csv", source / "bad.csv")
+    changed = scored()
+    assert (changed["scored"], changed["unchanged"], changed["failed"]) == (2, 2, {})
+    assert scored("--epsilon", "0.3")["scored"] == 4
+    (source / "bad.csv").write_text("junk\n")
+    assert list(scored("--epsilon", "0.3")["failed"]) == ["bad.csv"]
+    (source / "D-FLY/two.csv").unlink()
+    assert scored("--epsilon", "0.3")["unchanged"] == 2
+    summary, _ = tables(tmp_path / "out")
+    stored = {path.relative_to(tmp_path / "out") for path in tmp_path.glob("out/samples/**/*.par*")}
+    assert stored == {Path(row["samples"]) for row in summary}
+    assert {row["aircraft"] for row in summary} == {"PH-LAB"}
+
+
+def test_a_run_that_was_interrupted_is_continued(
+    source: Path, tmp_path: Path, scored: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    score_file, calls = archive.score_file, []
+
+    def interrupted(*about: Any, **more: Any) -> Any:
+        calls.append(about)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return score_file(*about, **more)
+
+    monkeypatch.setattr(archive, "score_file", interrupted)
+    call = ["score-archive", str(MONITOR_FILE), str(source), "--workers", "1"]
+    assert main([*call, "--out", str(tmp_path / "out")]) == 130
+    monkeypatch.undo()
+    assert scored()["unchanged"] > 0
+    assert main([*call, "--out", str(tmp_path / "whole")]) == 0
+    assert tables(tmp_path / "out") == tables(tmp_path / "whole")
+
+
+def test_results_of_other_recordings_are_left_alone(
+    source: Path, tmp_path: Path, scored: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scored()
+    before = tables(tmp_path / "out")
+    other = tmp_path / "other"
+    other.mkdir()
+    call = ["score-archive", str(MONITOR_FILE), str(other), "--out", str(tmp_path / "out")]
+    assert main(call) == 1
+    assert "holds no files" in capsys.readouterr().err
+    shutil.copy(source / "bad.csv", other / "else.csv")
+    assert main(call) == 1
+    assert "other recordings" in capsys.readouterr().err
+    assert tables(tmp_path / "out") == before
+
+
+@pytest.mark.fuzz
+def test_two_processes_give_the_tables_of_one(source: Path, tmp_path: Path, scored: Any) -> None:
+    scored()
+    call = ["score-archive", str(MONITOR_FILE), str(source), "--workers", "2"]
+    assert main([*call, "--out", str(tmp_path / "two")]) == 0
+    assert tables(tmp_path / "two") == tables(tmp_path / "out")
+
+
+def test_a_month_is_of_the_first_sample_or_of_a_date_in_the_path() -> None:
+    assert month_of("2024-05/a.csv", 1.7e9) == "2023-11"
+    assert month_of("2023/x/2024-05-17_3.csv", 12.0) == "2024-05"
+    assert month_of("PH-LAB/20240601.csv", 0.0) == "2024-06"
+    assert month_of("flight 20245.csv", 0.0) is None
