@@ -32,7 +32,7 @@ fuzz: $(READY) ## what repeats facts at length: ten thousand damaged files, call
 	FOREWARN_CAMPAIGN=1 $(TESTING) $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "fuzz or (hypothesis and not benchmark)" $(ALSO)
 
 services: $(READY) ## the tests that need a PostgreSQL (initdb on the path); they start one and stop it
-	$(TESTING) $(BIN)/python -m pytest -n 0 -m services $(ALSO)
+	$(TESTING) $(BIN)/python -m pytest -n 0 -m "services and not benchmark" $(ALSO)
 
 lint: $(READY) ## style, formatting and the direction of imports
 	$(BIN)/ruff check

@@ -14,7 +14,7 @@ import json
 import re
 import signal
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from multiprocessing import get_context
@@ -273,6 +273,11 @@ def _scored(request: ArchiveRequest, files: list[ArchiveFile]) -> Iterator[dict[
         try:
             for done in as_completed([pool.submit(_score, file) for file in files]):
                 yield done.result()
+        except BrokenExecutor as error:
+            raise OSError(
+                "a process was ended by the system, often by lack of memory: give fewer --workers; "
+                "the same command continues"
+            ) from error
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise

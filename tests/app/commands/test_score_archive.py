@@ -4,6 +4,8 @@ import csv
 import json
 import shutil
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
 
@@ -161,6 +163,28 @@ def test_results_of_other_recordings_are_left_alone(
     assert main(call) == 1
     assert "other recordings" in capsys.readouterr().err
     assert tables(tmp_path / "out") == before
+
+
+def test_a_process_that_the_system_ended_is_one_sentence(
+    source: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    class Killed(ThreadPoolExecutor):
+        def __init__(self, *_: Any) -> None:
+            super().__init__(1)
+
+        def submit(self, *_: Any) -> Any:  # pyright: ignore
+            return super().submit(self.die)
+
+        def die(self) -> None:
+            raise BrokenProcessPool("terminated abruptly")
+
+    monkeypatch.setattr(archive, "ProcessPoolExecutor", Killed)
+    call = ["score-archive", str(MONITOR_FILE), str(source), "--workers", "2"]
+    assert main([*call, "--out", str(tmp_path / "out")]) == 1
+    assert "--workers" in capsys.readouterr().err
 
 
 @pytest.mark.fuzz
