@@ -23,7 +23,7 @@ from core.kernels.input_motion import (
     REACTS_S,
     REMEMBERED,
     SAME,
-    Received,
+    NewestSamples,
     SurfaceRule,
     SurfaceState,
 )
@@ -116,7 +116,7 @@ class _Recent:
     """The newest samples, and what noise and resolution make of a channel."""
 
     def __init__(self, n_channels: int) -> None:
-        self.state = Received(
+        self.state = NewestSamples(
             np.empty(2 * KEPT),
             np.empty((2 * KEPT, n_channels)),
             np.full(4, -np.inf),
@@ -232,7 +232,7 @@ class _Contradictions:
     def compare(
         self, arrived: float, t: float, y: Array, slot: int, source: int, sources: Sequence[str]
     ) -> None:
-        """Compare a sample with the known one of its time, in a slot of `Received`."""
+        """Compare a sample with the known one of its time, in a slot of `NewestSamples`."""
         first = self._recent.state.known[slot]
         excess = np.abs(y - first) - np.fmax(self._agrees, self._recent.uncertainty)
         if not self._recent.is_measured or not (excess > 0.0).any():

@@ -54,7 +54,7 @@ class SurfaceState(NamedTuple):
     moved: Array
 
 
-class Received(NamedTuple):
+class NewestSamples(NamedTuple):
     """The newest samples of a source, by time and by arrival.
 
     t: (2 KEPT,) [s].   y: (2 KEPT, n_channels).   times, counts: see above.   last: (n_channels,)
