@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal, Self
 from fastapi import APIRouter, Query, Response
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, model_validator
 
+from app.flights.compared import FlightComparison, compared
 from app.flights.display_monitors import flown_monitors
 from app.flights.ended import Record, records
 from app.flights.flight import Flight
@@ -299,6 +300,17 @@ async def read_source(
     flight, stop = flights.flying(flight_id), last_frame(first, last)
     frames = flight.source_frames(first, stop)
     return await _frames_response(frames, first, stop, last)
+
+
+@router.get("/{flight_id}/comparison")
+async def compare_monitors(flight_id: str, flights: FlightsDep) -> FlightComparison:
+    """The monitors of a flight compared: alerts, lead, misses and where they differ.
+
+    Of a flight in progress by the samples so far; of a replay that jumps, by its longest pass.
+    """
+    flight = flights.get(flight_id)
+    waiting = flight.recorder.waiting(0, flight.head) if flight else []
+    return await asyncio.to_thread(compared, flights.store, flight_id, waiting)
 
 
 @router.get("/{flight_id}/alarms")

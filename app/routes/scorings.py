@@ -13,6 +13,8 @@ from fastapi.responses import StreamingResponse
 from pydantic import BaseModel, Field
 
 from app.assessment import Interval, ScoringRecipe
+from app.assessment.comparison import Assessed, difference
+from app.flights.compared import Differences, differences_of
 from app.http.problems import problem_responses
 from app.messages import ChannelLimit, Frame
 from app.recordings.exports import EXPORTS, export
@@ -71,6 +73,16 @@ class ScoringRequest(BaseModel):
         default="detected",
         description="manoeuvres detected by control activity, the entire recording, or a list",
     )
+
+
+ASSESSED = ("t", "p_value", "alert", "state")
+
+
+class ScoringComparison(Differences):
+    """Two scorings of one recording on the same samples."""
+
+    n_first: int = Field(description="samples that the first one assessed")
+    n_second: int = Field(description="samples that the second one assessed")
 
 
 class Scoring(BaseModel):
@@ -277,6 +289,22 @@ def read_tiles(
     window = (info.start if start is None else start, info.end if end is None else end)
     dictionary = scored.recordings.dictionary_of(info.monitor_id)
     return json_response(tiled(info, dictionary, *scored.window(info, *window, bins)))
+
+
+@router.get("/scorings/{scoring_id}/comparison")
+def compare_scorings(
+    recording_id: str,
+    scoring_id: str,
+    scored: ScoredDep,
+    scoring: Annotated[str, Query(description="id of the second scoring, of this recording")],
+) -> ScoringComparison:
+    """Two scorings of one recording compared sample by sample."""
+    find = scored.store.scorings.info
+    infos = [find(recording_id, each) for each in (scoring_id, scoring)]
+    samples = [scored.samples(info) for info in infos]
+    first, second = (Assessed(*(each[name] for name in ASSESSED)) for each in samples)
+    found = differences_of(difference(first, second)).model_dump()
+    return ScoringComparison(n_first=first.n_assessed, n_second=second.n_assessed, **found)
 
 
 SENT_BYTES = 2**20

@@ -64,6 +64,7 @@ const timeline = createTimeline({ seconds: Number(options.get("seconds") ?? 60),
 const chart = createFlightChart(document.querySelector("#strips"), {
   simulated: window.simulated ?? null, starts: () => [{ t: 8, from: "trim" }],
   channels: CHANNELS, epsilon: EPSILON, dt, lead, timeline, autostart: options.has("auto"),
+  beside: options.get("beside"),
   history: Number(options.get("history") ?? 180_000),
 });
 document.querySelector("#strips").after(chart.cross);

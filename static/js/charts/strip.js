@@ -112,6 +112,7 @@ export function createStrip(canvas, strip) {
     const { pen } = ink;
     const read = cells.series(strip.key);
     const trace = (look) => drawTrace(ink, cells, read, { colour, dashed, ...look }, piece);
+    if (strip.beside !== null) drawTrace(ink, cells, cells.series(strip.beside), { colour: "forecast", dashed: true }, piece);
     if (strip.risk && withdrawn) {
       drawTrace(ink, cells, cells.series("withdrawn"), { colour: "stale", dashed }, piece);
       trace();

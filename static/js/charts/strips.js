@@ -42,7 +42,7 @@ export function stripOf(key, channels, { narrowAfter = undefined } = {}) {
   const limits = limitsOf(channel);
   const { factor } = shownIn(channel);
   const axis = risk ? createRiskAxis() : createValueAxis({ limits, factor, narrowAfter, isAbsolute: channel.reference === "absolute" });
-  return { ...channel, limits, held: null, forecast: null, risk, axis };
+  return { ...channel, limits, held: null, forecast: null, beside: null, risk, axis };
 }
 
 export const isSummary = ({ key, risk }) => risk || key === MARGIN;

@@ -304,7 +304,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     if (Math.abs(t - at) > 1.5 * hello.dt) return `shows ${secondsText(t)}, the replay is at ${secondsText(at)}`;
     if (t < start || t > end) return `its window shows ${secondsText(start)} to ${secondsText(end)}, the replay is at ${secondsText(t)}`;
     const { latency } = connection.figures(wall);
-    return playback.playing && latency > 1000 * hello.stale_after ? `${secondsText(latency / 1000)} late` : "";
+    return playback.playing && latency > 1000 * hello.stale_after ? `${(latency / 1000).toFixed(1)} s late` : "";
   }
 
   function onTransport(message) {

@@ -13,6 +13,7 @@ import { ApiError, needs, reason } from "../lib/api.js";
 import { channelsOf, ownLimits } from "../lib/catalog.js";
 import { secondsText } from "../lib/clock.js";
 import { askToConfirm, button, createKeepButton, deleteButton, errorLine, formatted, h, put, state } from "../lib/dom.js";
+import { createComparison } from "../lib/comparison.js";
 import { createEventList } from "../lib/event_list.js";
 import { withLimits } from "../lib/limits.js";
 import { startFlight, warningLines } from "../lib/monitors.js";
@@ -162,6 +163,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
       return;
     }
     panels.notice.append(...summaryLines(flight.monitors, longest));
+    if (flight.monitors.length > 1) panels.notice.append(createComparison(api, path));
     draw({ lead: flight.monitors[0].lead, dt: monitor.dt }, longest, passes, held);
     const limitsPut = ({ name, version, t, by }) => ({
       event: { t, text: `limits in force: ${name} version ${version}, by ${by}`, seen: true },
@@ -202,7 +204,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
     panels.strips.replaceChildren();
     chart = createFlightChart(panels.strips, {
       channels, alertAbove, lead, dt, seconds: windowOf({ duration: last - first, lead }),
-      address, simulated: flight.monitor_set === null ? createSimulated(api, flight.monitor) : null,
+      address, beside: flight.monitors[1]?.name, simulated: flight.monitor_set === null ? createSimulated(api, flight.monitor) : null,
       starts: createStarts({ api, source: flight.source, live: () => flight.live, start: first }),
     });
     panels.strips.after(chart.cross);

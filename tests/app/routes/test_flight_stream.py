@@ -17,6 +17,8 @@ from app.flights.flights import Flights
 from app.flights.watcher import CREDIT, NEWEST, TICK_S, FrameTicks
 from app.messages import Hello
 from core.evaluation.certificate import UNTESTED
+from core.monitor import MonitorRecipe, train
+from core.planned_test.collection import collect
 from tests.app.flights.test_flights import RECIPE, monitor
 from tests.support.api import api, problem, store_of
 from tests.support.flying import ScriptedClock
@@ -524,3 +526,51 @@ def test_a_heartbeat_is_sent_each_second(server: Server) -> None:
             server.advance(1.0)
             (beat,) = until(socket, lambda m: m["type"] == "heartbeat")
             assert (beat["lost"], beat["conflated"]) == (0, 0)
+
+
+def test_the_monitors_of_a_flight_are_compared_by_its_frames(server: Server) -> None:
+    other = train(collect(RECIPE), MonitorRecipe(t_early=0.5, epsilon=0.2))
+    further = store_of(server.client).monitors.add(other, "further").id
+    flight = server.start(monitors=[further])["id"]
+    server.advance(1.0)
+    server.steer(flight, "seek", 0.0)  # the longest pass counts
+    server.advance(8.0)
+    answer = server.client.get(f"{URL}/{flight}/comparison").json()
+    server.client.post(f"{URL}/{flight}/end")
+    assert server.client.get(f"{URL}/{flight}/comparison").json() == answer
+    frames = server.client.get(f"{URL}/{flight}/assessments").json()["frames"]
+    start = max(k for k, frame in enumerate(frames) if frame["t"] == 0.0)
+    frames = frames[start:]
+    assert (answer["start"], answer["end"], answer["n_samples"]) == (
+        0.0,
+        frames[-1]["t"],
+        len(frames),
+    )
+    pairs = [(frame, frame["display"][0]) for frame in frames]
+    for side, compared in enumerate(answer["monitors"]):
+        assessed = [pair[side] for pair in pairs if pair[side]["state"] == "ok"]
+        assert compared["n_assessed"] == len(assessed)
+        n_alerting = sum(each["alert"] for each in assessed)
+        spans = [(each["start"], each["end"]) for each in compared["alerts"]]
+        inside = [f["t"] for f in frames if any(a <= f["t"] <= b for a, b in spans)]
+        assert len(inside) == n_alerting
+        first = min(a for a, _ in spans)
+        assert compared["reached"] == pytest.approx(answer["exceeded_t"] - first)
+    assert [each["name"] for each in answer["monitors"]] == ["F-16 doublet", "further"]
+    assert answer["monitors"][0]["differences"] is None
+    apart = {
+        frame["t"]: abs(frame["p_value"] - beside["p_value"])
+        for frame, beside in pairs
+        if frame["state"] == beside["state"] == "ok"
+    }
+    found = answer["monitors"][1]["differences"]
+    assert found["n_both"] == len(apart)
+    largest = found["largest"]
+    assert abs(largest["second"] - largest["first"]) == apart[largest["t"]] == max(apart.values())
+
+
+def test_a_flight_without_samples_compares_none(server: Server) -> None:
+    flight = server.start(source={"kind": "live"})["id"]
+    answer = server.client.get(f"{URL}/{flight}/comparison").json()
+    assert (answer["start"], answer["n_samples"], answer["exceeded_t"]) == (None, 0, None)
+    problem(server.client.get(f"{URL}/0123456789ab/comparison"), 404)

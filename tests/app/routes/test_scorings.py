@@ -319,3 +319,25 @@ def test_too_many_scorings_at_once_are_refused(client, recording, monitor, monke
     monkeypatch.setattr(kept.workers, "limit", 0)
     path = f"{RECORDINGS}/{recording['id']}/scorings"
     assert "files are in progress" in problem(client.post(path, json={"monitor": monitor}), 429)
+
+
+def test_two_scorings_are_compared_sample_by_sample(client, recording, monitor):
+    part = [{"start": 0.0, "end": 20.0}]
+    first, second = (
+        scored(client, recording, monitor, epsilon=epsilon, manoeuvres=manoeuvres)
+        for epsilon, manoeuvres in ((0.4, "entire"), (0.2, part))
+    )
+    base = f"{RECORDINGS}/{recording['id']}/scorings"
+    path = f"{base}/{first['id']}/comparison"
+    answer = client.get(path, params={"scoring": second["id"]}).json()
+    frames = [
+        client.get(f"{base}/{each['id']}/assessments").json()["frames"] for each in (first, second)
+    ]
+    ns = [sum(frame["state"] == "ok" for frame in each) for each in frames]
+    assert 0 < ns[1] < ns[0]
+    assert [answer["n_first"], answer["n_second"], answer["n_both"]] == [*ns, ns[1]]
+    risks = [{f["t"]: f["p_value"] for f in each if f["state"] == "ok"} for each in frames]
+    apart = {t: abs(risks[0][t] - risks[1][t]) for t in risks[1]}
+    largest = answer["largest"]
+    assert abs(largest["second"] - largest["first"]) == apart[largest["t"]] == max(apart.values())
+    problem(client.get(path, params={"scoring": "none"}), 404)

@@ -394,3 +394,25 @@ def test_the_window_holds_the_planned_manoeuvre_and_what_went_before(strips: Ope
         """,
     )
     assert seconds == [10.5, 12.5, 5, 60, 60]
+
+
+def test_the_risk_by_a_second_monitor_is_dashed_in_the_same_strip(strips: Open) -> None:
+    page = strips("seconds=20&beside=other")
+    drawn = run(
+        page,
+        """
+        const shown = (display) => {
+          h.chart.clear();
+          const frames = Array.from({ length: 500 }, (_, k) => ({ ...h.frame(0.02 * k), display }));
+          h.chart.push(frames, 1000);
+          h.draw(1000);
+          return h.pixels('risk', 'forecast')[0];
+        };
+        const beside = (state) => [{ state, p_value: 0.7 }];
+        return [beside("ok"), beside("stale"), undefined].map(shown);
+        """,
+    )
+    assert drawn[0] > 100
+    assert drawn[1] == drawn[2] == 0
+    label = page.locator('.strip[data-key="risk"] .readout-label')
+    assert label.text_content() == "dashed: other"

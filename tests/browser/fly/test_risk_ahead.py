@@ -39,10 +39,18 @@ def test_a_row_a_monitor_by_its_lead_and_which_raises_the_alarms(fly: Fly, site:
     risks = [frame["p_value"], frame["display"][0]["p_value"]]
     for row, risk in zip(rows.all(), risks, strict=True):
         expect(row.locator(".ahead-value")).to_contain_text(f"{risk:.{2 + (risk < 0.1)}f}")
+    page.get_by_role("button", name="Compare the monitors").click()
+    compared = page.locator(".comparison")
+    expect(compared.locator("thead th").last).to_contain_text(f"{LONG}, ε 0.1")
+    expect(page.locator(".readout-label", has_text=f"dashed: {LONG}")).to_be_visible()
     fly.end()
     summary = page.locator(".ahead-summary")
     expect(summary).to_have_count(2)
     expect(summary.last).to_contain_text(f"0.5 s ahead: {LONG}, display only: ")
+    page.get_by_role("button", name="Compare the monitors").click()
+    monitors = fly.ask("GET", f"/flights/{fly.flight}/comparison")["monitors"]
+    cells = compared.locator("tbody tr", has_text="Samples assessed").locator("td")
+    expect(cells).to_have_text([str(monitor["n_assessed"]) for monitor in monitors])
 
 
 def test_no_row_shows_a_number_while_nothing_comes(fly: Fly, site: Site, further: str) -> None:

@@ -154,6 +154,24 @@ def test_replay_flies_the_recording(
     site.ask("POST", f"/flights/{flights[0]['id']}/end")
 
 
+def test_scorings_of_one_recording_are_compared_sample_by_sample(
+    page: Page, site: RecordedSite, recording: str, scoring: dict[str, Any]
+) -> None:
+    second = site.score(recording, epsilon=0.4)
+    page.goto(f"{site.http}/#/recordings/{recording}?compare={scoring['id']},{second['id']}")
+    path = f"/recordings/{recording}/scorings/{scoring['id']}/comparison"
+    found = site.ask("GET", path, params={"scoring": second["id"]})
+    counts = [f"{found[name]:,}" for name in ("n_first", "n_second")]
+    cells = page.locator(".comparison tbody tr", has_text="Samples assessed").locator("td")
+    expect(cells).to_have_text(counts)
+    t = f"at {found['largest']['t']:.2f} s"
+    largest = page.locator(".comparison tbody tr", has_text="Largest difference")
+    expect(largest.locator("td").last).to_contain_text(t)
+    for width in (1024, 1440, 1920):
+        page.set_viewport_size({"width": width, "height": 900})
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
 def test_scorings_are_compared_and_laid_over_each_other(
     page: Page, site: RecordedSite, recording: str, scoring: dict[str, Any]
 ) -> None:

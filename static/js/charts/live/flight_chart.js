@@ -10,6 +10,7 @@
  *     seconds 60   default width of the live window   history 180000   samples kept
  *     order        keys from top to bottom, "risk" among them; default: limited channels, others, margin, risk
  *     forecasts    keys whose forecast is drawn; default: the limited channels, and the margin
+ *     beside       name of the first monitor for display, whose risk is drawn dashed; default: none
  *     timeline     one to share with other charts
  *     autostart true                  false: nothing is drawn until update() is called
  *     address, simulated, starts      see ../strip_chart.js
@@ -50,6 +51,7 @@ import { createTimeline } from "./timeline.js";
 const CHANGES = 200; // of a limit that are drawn where they held, the newest
 const FAR = 3000; // samples in which the last value is looked for
 const AHEAD = "90 % forecast to the end of the card";
+const BESIDE = "risk beside";
 const OLDEST = 0.25; // s of flight that a forecast is shown for
 const UNASSESSED = ["invalid", "not_assessed", ...WITHDRAWN];
 
@@ -71,7 +73,8 @@ export function createFlightChart(host, options) {
   const timeline = options.timeline ?? createTimeline({ seconds, lead, dt });
   const strips = arrange(options);
   const forecasts = strips.map(({ forecast }) => forecast).filter((key) => key !== null);
-  const keys = [...channels.map(({ key }) => key), "risk", MARGIN, ...forecasts];
+  const beside = strips.map((strip) => strip.beside).filter((key) => key !== null);
+  const keys = [...channels.map(({ key }) => key), "risk", MARGIN, ...forecasts, ...beside];
   const seriesOf = new Map(keys.map((key, series) => [key, series]));
   const ring = createRingBuffer({ series: keys.length, capacity: history });
   const intake = createIntake({ ring, channels, strips, dt });
@@ -153,12 +156,13 @@ export function createFlightChart(host, options) {
   };
 }
 
-function arrange({ channels, order, forecasts }) {
+function arrange({ channels, order, forecasts, beside }) {
   const { limited, others } = limitedFirst(channels);
   const margin = hasMargin(channels) ? [MARGIN] : [];
   const wanted = forecasts ?? [...limited, ...margin];
   const strips = (order ?? [...limited, ...others, ...margin, "risk"]).map((key) => {
     const strip = stripOf(key, channels);
+    if (strip.risk && beside) return { ...strip, beside: BESIDE, label: `dashed: ${beside}` };
     return wanted.includes(key) && !strip.risk ? { ...strip, forecast: `${key} forecast` } : strip;
   });
   return arranged(strips);
@@ -290,7 +294,7 @@ function createSource({ strips, ring, seriesOf, intake, timeline, alertAbove, le
       exceeded: latchedOf(strip),
       before: old ? `last value, ${age.toFixed(1)} s old` : "",
       otherwise: Number.isFinite(cursor)
-        ? `cursor ${reading(strip, valuesAt(strip, cursor)[0].low)}`
+        ? `cursor ${reading(strip, valuesAt(strip, cursor)[0].low)}${besideText(strip, cursor)}`
         : [nearestText(strip, last), forecastText(strip, now, last)].filter(Boolean).join("  "),
     };
   }
@@ -311,6 +315,10 @@ function createSource({ strips, ring, seriesOf, intake, timeline, alertAbove, le
     const error = errors?.[strip.key];
     const ends = error ? [value + error.low, value + error.high] : [value];
     return `in ${leadSeconds(lead, 2)} s ${ends.map((end) => reading(strip, end)).join(" … ")}`;
+  }
+
+  function besideText({ beside, ...strip }, t) {
+    return beside === null ? "" : `, dashed ${reading(strip, valuesAt({ key: beside }, t)[0].low)}`;
   }
 
   /** Whose limit is the nearest. */

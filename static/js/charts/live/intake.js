@@ -1,7 +1,8 @@
 /**
  * Puts a flight's frames into the ring buffer: their flags, and the newest state.
  *
- * createIntake({ring, channels, strips, dt}) -> Intake     series: channels, risk, margin, forecasts of the strips
+ * createIntake({ring, channels, strips, dt}) -> Intake     series: channels, risk, margin, forecasts of the strips,
+ *     risk by the first monitor for display where a strip has one beside its own
  *   push(frames) -> how many were stored;   insert(frames, complete)    earlier ones; complete: the sample after them follows
  *   status -> {state, alert}          of the newest frame, or as set by setStatus
  */
@@ -17,7 +18,8 @@ export function createIntake({ ring, channels, strips, dt }) {
   const forecasting = strips.filter(({ risk, forecast }) => !risk && forecast !== null);
   const isMargined = strips.some(({ key }) => key === MARGIN);
   const first = channels.length + 2; // series of forecasts
-  const row = new Float64Array(first + forecasting.length);
+  const isCompared = strips.some(({ beside }) => beside !== null);
+  const row = new Float64Array(first + forecasting.length + (isCompared ? 1 : 0));
   let status = NO_DATA;
   let seq = null;
 
@@ -30,13 +32,16 @@ export function createIntake({ ring, channels, strips, dt }) {
   /** Values of a frame as the ring buffer holds them; the same array each time. */
   function rowOf(frame) {
     for (let k = 0; k < channels.length; k++) row[k] = number(frame.y[k]);
-    row[channels.length] = frame.state === "ok" ? number(frame.p_value) : NaN;
+    row[channels.length] = riskOf(frame);
+    if (isCompared) row[row.length - 1] = riskOf(frame.display?.[0]);
     row[channels.length + 1] = isMargined ? marginOf(frame.y, frame.t) : NaN;
     forecasting.forEach(({ key }, k) => {
       row[first + k] = key === MARGIN ? marginOf(frame.y_hat, frame.t) : valueOf(frame.y_hat, key);
     });
     return row;
   }
+
+  const riskOf = (assessment) => (assessment?.state === "ok" ? number(assessment.p_value) : NaN);
 
   const valueOf = (values, key) => number(values?.[placeOf.get(key)]);
 

@@ -26,6 +26,7 @@ import { headlineOf, isStale } from "../headline.js";
 import { createStarts } from "../manoeuvre_starts.js";
 import { windowOf } from "../panels.js";
 import { createRestOfCard } from "./rest_of_card.js";
+import { createComparison } from "../../lib/comparison.js";
 import { createRiskAhead } from "./risk_ahead.js";
 import { createRiskGauge } from "./risk_gauge.js";
 
@@ -43,6 +44,7 @@ export function createAssessmentDisplay(panels, { hello, api, path, alarm, event
   const history = createSeekHistory(api, path, hello.transport);
   const gauge = createRiskGauge(panels.gauge, timeline);
   const ahead = createRiskAhead(panels.ahead, hello.monitors);
+  if (hello.monitors.length > 1) panels.ahead.append(createComparison(api, path));
   const rest = createRestOfCard(panels.rest, hello.no_rest);
   const chart = createFlightChart(panels.strips, {
     channels,
@@ -51,6 +53,7 @@ export function createAssessmentDisplay(panels, { hello, api, path, alarm, event
     dt,
     timeline,
     address,
+    beside: hello.monitors[1]?.name,
     simulated: hello.monitor_set ? null : createSimulated(api, hello.monitors[0].id),
     starts: createStarts({ api, source: hello.source, live: () => hello.live, start: hello.transport.start }),
   });

@@ -3,9 +3,10 @@
 import { select } from "../../forms/controls.js";
 import { loadCatalog, testWords } from "../../lib/catalog.js";
 import { setZero } from "../../lib/clock.js";
-import { button, errorLine, h, link, loadingView, pageOf } from "../../lib/dom.js";
+import { comparisonTable } from "../../lib/comparison.js";
+import { button, errorLine, h, link, loadingView, pageOf, panel } from "../../lib/dom.js";
 import { warningWords } from "../../lib/monitors.js";
-import { figure, followUnits } from "../../lib/numbers.js";
+import { counted, figure, followUnits, leadSeconds } from "../../lib/numbers.js";
 import { readScoring } from "../scoring/source.js";
 import { createOverlay } from "./overlay.js";
 import { compareTable } from "./table.js";
@@ -24,11 +25,13 @@ export function showComparedScorings(element, { id, query, api, navigate }) {
     const overlay = keep(createOverlay({ api, compared }));
     const table = h("div");
     const tabulate = () => table.replaceChildren(compareTable(compared, { remove: compared.length > 1 ? remove : null }));
+    const bySample = await comparedScorings(api, compared);
     return pageOf(
       "Compare",
       [link("Recording", `#/recordings/${id}`)],
       followUnits(table, tabulate),
       scoringPicker({ api, recordings, taken: references, add: (reference) => go([...references, reference]) }),
+      bySample,
       overlay.element,
     );
 
@@ -53,6 +56,31 @@ export function showComparedScorings(element, { id, query, api, navigate }) {
     const wordsOf = ({ recording, scoring }) => (recording === id ? scoring : `${recording}:${scoring}`);
     navigate(`#/recordings/${id}?compare=${wanted.map(wordsOf).join(",")}`);
   }
+}
+
+/** Scorings of one recording on the same samples, the first against each other one; null for several recordings. */
+async function comparedScorings(api, compared) {
+  if (compared.length < 2 || new Set(compared.map(({ scoring }) => scoring.recording)).size > 1) return null;
+  const first = compared[0].scoring;
+  const path = `/recordings/${first.recording}/scorings/${first.id}/comparison?scoring=`;
+  const found = await Promise.all(compared.map(({ scoring }) => api.get(path + scoring.id)));
+  const items = compared.map(({ letter, scoring }, k) => comparedScoring(letter, scoring, k, found[k]));
+  return panel("Sample by sample", comparisonTable(items), { "aria-label": "Sample by sample", beside: h("span.dim", "Differences are from the first scoring.") });
+}
+
+function comparedScoring(letter, { monitor_name: name, epsilon, manoeuvres }, k, found) {
+  const exceeding = manoeuvres.filter(({ exceedance }) => exceedance !== null);
+  const warned = exceeding.filter(({ lead }) => lead !== null);
+  const missed = exceeding.filter(({ outcome }) => outcome === "missed").length;
+  return {
+    name: `${letter}: ${name} at ε ${figure(epsilon)}`,
+    k: k < 2 ? k : null,
+    assessed: found.n_second,
+    alerts: manoeuvres.filter(({ outcome }) => outcome !== "invalid").flatMap(({ alerts }) => alerts.map(([start]) => start)),
+    lead: warned.map(({ name: manoeuvre, lead }) => `${manoeuvre}: ${leadSeconds(lead, 2)} s`).join(", ") || "–",
+    missed: exceeding.length ? `${missed ? "▲ " : ""}${missed} of ${counted(exceeding.length, "exceedance")}` : "–",
+    differences: k === 0 ? null : found,
+  };
 }
 
 function referenceOf(text, recording) {
