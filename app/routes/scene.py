@@ -23,7 +23,7 @@ from starlette.websockets import WebSocketDisconnect
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed
 
-from app.scene.picture import CAMERAS, WORDS
+from app.scene.picture import CAMERAS, STATE, WORDS
 from app.scene.scene import Scene, Scenes
 from app.scene.server import SUBPROTOCOL, admitted, credentials
 
@@ -41,19 +41,21 @@ html[data-theme="light"], [data-theme="light"] canvas[data-engine] {background: 
 """Hides the client's notice of software rendering, which would cover the risk. The canvas is
 transparent above the horizon: its background is the sky, in the theme that the Fly page sets."""
 
-SCRIPT = """<script>
+SCRIPT = (
+    """<script>
 globalThis.Function = new Proxy(Function, {apply: () => () => () => {}, construct: () => () => {}});
 {
   const cameras = CAMERAS, search = new URLSearchParams(location.search);
-  let link = null, visible = true;
+  let link = null, shown = "all";
   const get = (...messages) => link?.onmessage({data: {type: "message_batch", messages}});
-  const setWords = () => get({type: "SetSceneNodeVisibilityMessage", name: "WORDS", visible});
+  const setWords = () => get(...[["WORDS", shown !== "none"], ["STATE", shown === "all"]].map(
+    ([name, visible]) => ({type: "SetSceneNodeVisibilityMessage", name, visible})));
   globalThis.Worker = class extends Worker {
     postMessage(message, ...more) {
       if (message?.type === "set_server") {
         link = this;
         this.addEventListener("message", ({data}) => {
-          if (data.messages?.some(({name}) => name === "WORDS")) setTimeout(setWords);
+          if (data.messages?.some(({name}) => name === "STATE")) setTimeout(setWords);
         });
       }
       super.postMessage(message, ...more);
@@ -63,8 +65,8 @@ globalThis.Function = new Proxy(Function, {apply: () => () => () => {}, construc
     const {position, look_at} = cameras[name];
     get({type: "SetCameraLookAtMessage", look_at}, {type: "SetCameraPositionMessage", position});
   };
-  globalThis.showWords = (shown) => {
-    visible = shown;
+  globalThis.showWords = (which) => {
+    shown = which;
     setWords();
   };
   const first = cameras[search.get("camera")];
@@ -74,13 +76,14 @@ globalThis.Function = new Proxy(Function, {apply: () => () => () => {}, construc
     history.replaceState(null, "", `?${search}`);
   }
 }
-</script>""".replace("WORDS", WORDS).replace(
-    "CAMERAS", json.dumps({key: at._asdict() for key, at in CAMERAS.items()})
+</script>""".replace("WORDS", WORDS)
+    .replace("STATE", STATE)
+    .replace("CAMERAS", json.dumps({key: at._asdict() for key, at in CAMERAS.items()}))
 )
 """Replaces Function, which the policy forbids: the client's sorter of splats calls it while it
 loads, and would log an error, although no scene has splats. ?camera=tail is the first view, and
-lookFrom(name) another one, and showWords(false) hides all texts: the client gets these as if the
-server had sent them."""
+lookFrom(name) another one, and showWords("all" | "numbers" | "none") chooses the texts: the client
+gets these as if the server had sent them."""
 
 CheckOrigin = Callable[[WebSocket], Any]
 

@@ -97,6 +97,9 @@ HEADLINE_AT, UNKNOWN_AT = (3.5, 2.3, 4.4), (3.5, 2.3, 5.4)
 """Beside the column from each camera."""
 WORDS = "/words"
 """Node of all texts: a page for a large screen hides them, being too small there."""
+STATE = f"{WORDS}/state"
+"""Node of the words: the Fly page hides them, since they cover the aircraft of a small scene and
+stand beside it."""
 NO_SHADOW: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
 
 
@@ -243,7 +246,8 @@ class Picture:
         self._fill = scene.add_cylinder(
             "/column/fill", COLUMN_RADIUS, 1.0, GREY, visible=False, **NO_SHADOW
         )
-        scene.add_frame(WORDS, show_axes=False)
+        for node in (WORDS, STATE):
+            scene.add_frame(node, show_axes=False)
         ring = circle(COLUMN_RADIUS * 1.35)
         for name, p_value in TICKS.items():
             at = (0.0, 0.0, -height(p_value))
@@ -264,7 +268,7 @@ class Picture:
         )
         self._headline, self._unknown = (
             scene.add_label(
-                f"{WORDS}/{name}", "", position=at, font_screen_scale=size, anchor="center-center"
+                f"{STATE}/{name}", "", position=at, font_screen_scale=size, anchor="center-center"
             )
             for name, at, size in (("headline", HEADLINE_AT, 1.0), ("unknown", UNKNOWN_AT, 0.8))
         )

@@ -83,12 +83,12 @@ export function createSceneFrame(element, flight, address) {
     element.replaceChildren(state("empty", "No scene", "This flight has no scene. Strips and gauge show all assessments."));
   }
 
-  /** In the page's theme; on the wall without its texts, which are too small there. */
+  /** In the page's theme, without the words that stand on the page; on the wall without any, which are too small there. */
   function paint() {
     const inside = frame?.contentDocument?.documentElement;
     if (!inside) return;
     inside.dataset.theme = document.documentElement.dataset.theme;
-    frame.contentWindow.showWords?.(!view.hasAttribute("data-wall"));
+    frame.contentWindow.showWords?.(view.hasAttribute("data-wall") ? "none" : "numbers");
   }
 
   /** Keys work after a click into the scene too: alarms can still be acknowledged. */

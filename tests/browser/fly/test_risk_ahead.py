@@ -5,7 +5,7 @@ from playwright.sync_api import Page, expect
 
 from core.monitor import MonitorRecipe, train
 from core.planned_test.collection import collect
-from tests.browser.fly.test_fly_page import RECIPE, Fly, site, stored
+from tests.browser.fly.test_fly_page import RECIPE, Fly, draw_no_scene, site, stored
 from tests.browser.site import Site
 
 __all__ = ["site", "stored"]
@@ -71,3 +71,27 @@ def _label(page: Page, begin: str) -> str:
     options = page.locator("#monitor option")
     expect(options.first).to_be_attached()
     return next(text for text in options.all_text_contents() if text.startswith(begin))
+
+
+@pytest.mark.parametrize("size", [(1024, 768), (1440, 900), (1280, 720)])
+def test_the_scene_is_at_least_280_px_high_beside_three_monitors(
+    fly: Fly, site: Site, further: str, size: tuple[int, int]
+) -> None:
+    third = site.store.monitors.add(site.store.monitors.get(further), "a third monitor").id
+    own = next(one["id"] for one in fly.ask("GET", "/monitors") if one["name"] == "doublet")
+    source = {"kind": "simulated", "outcome": "unsafe", "seed": 1}
+    asked = {"source": source, "monitor": own, "monitors": [further, third]}
+    fly.flight = fly.ask("POST", "/flights", asked)["id"]
+    fly.steer("pause", None)
+    width, height = size
+    fly.page.set_viewport_size({"width": width, "height": height})
+    fly.page.goto(f"{site.http}/#/fly/{fly.flight}")
+    fly.connected()
+    expect(fly.page.locator(".ahead-row")).to_have_count(3)
+    draw_no_scene(fly.page)
+    fly.page.get_by_role("button", name="Show scene").click()
+    frame = fly.page.locator(".scene-panel iframe")
+    box = frame.bounding_box()
+    assert box is not None
+    assert box["height"] >= 280 - 2  # its border
+    assert box["width"] >= 280

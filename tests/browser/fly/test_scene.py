@@ -156,3 +156,32 @@ def test_the_address_names_the_first_camera_and_the_page_changes_it_after_the_mo
     for name in ("side", "chase", "tail"):
         page.evaluate("name => lookFrom(name)", name)
         looks_from(name)
+
+
+PICTURE = """() => {
+  const canvas = document.querySelector("canvas[data-engine]");
+  const copy = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d");
+  copy.drawImage(canvas, 0, 0);
+  return copy.getImageData(0, 0, canvas.width, canvas.height).data.join();
+}"""
+
+
+@pytest.mark.usefixtures("asked")
+def test_a_page_hides_the_words_of_the_state_alone_or_all_texts(page: Page, site: Site):
+    scene = site.scenes.open("f1")
+    show(scene, p_value=0.42, alert=True)
+    page.goto(f"{site.http}/scene/f1/")
+    settles(page, {"colours": [200, MANY]}, "ALERT")
+
+    def picture(which: str) -> str:
+        """As soon as it no longer changes."""
+        page.evaluate("which => showWords(which)", which)
+        seen, now = "", page.evaluate(PICTURE)
+        while now != seen:
+            page.wait_for_timeout(400)
+            seen, now = now, page.evaluate(PICTURE)
+        return now
+
+    picture("none")
+    whole, numbers, none = (picture(which) for which in ("all", "numbers", "none"))
+    assert len({whole, numbers, none}) == 3
