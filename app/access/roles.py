@@ -84,6 +84,8 @@ ALLOWED: dict[Role, tuple[str, ...]] = {
         f"POST {API}/monitors/combinations",
         f"DELETE {API}/monitors/{{id}}",
         f"POST {API}/monitors/{{id}}/epsilon",
+        f"POST {API}/monitors/{{id}}/airframe",
+        f"DELETE {API}/monitors/{{id}}/airframe",
         f"POST {API}/demonstration",
         f"POST {API}/studies",
         f"POST {API}/sweeps",

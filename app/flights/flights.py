@@ -456,7 +456,8 @@ class Flights:
         try:
             looks = test.aircraft.condition.aircraft_class if test else "fighter"
             alpha0 = trim_angles(recipe)[0]
-            return self._scenes.open(plan.id, signs, alpha0, stale_after_s, looks)
-        except (RuntimeError, OSError):
+            own = self.store.airframes.file(plan.monitor_id)
+            return self._scenes.open(plan.id, signs, alpha0, stale_after_s, looks, own)
+        except (RuntimeError, OSError, ValueError):
             LOG.exception("flight %s flies without a scene", plan.id)
             return None

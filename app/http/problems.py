@@ -18,6 +18,7 @@ from app.recipes.recipes import RecipeError
 from app.recordings.files import NoSpace
 from app.recordings.upload import Stalled
 from app.recordings.workers import Busy
+from app.scene.own_airframe import AirframeError
 from app.telemetry.recording import TelemetryError
 from core.monitor.file.portable import MonitorFileError
 from core.planned_test.collection import CollectionError
@@ -133,6 +134,7 @@ def install_problems(app: FastAPI, answers: ErrorAnswers) -> None:
         CollectionError: (422, "recipe"),
         TelemetryError: (422, "telemetry"),
         MonitorFileError: (422, "monitor-file"),
+        AirframeError: (422, "airframe"),
         Busy: (429, "busy"),
         NoSpace: (507, "space"),
         Stalled: (408, "stalled"),

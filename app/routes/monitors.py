@@ -25,6 +25,7 @@ from app.report.certificate import certificate_page
 from app.routes.dependencies import (
     PAGE_TO_PRINT,
     JobsDep,
+    PersonDep,
     PlainBody,
     RecordingsDep,
     SettingsDep,
@@ -36,7 +37,9 @@ from app.routes.dependencies import (
     plain_body,
 )
 from app.routes.jobs import ACCEPTED, accepted, queued
-from app.routes.sent_files import CONTENT, OCTETS, sent_file
+from app.routes.sent_files import BINARY, CONTENT, OCTETS, sent_file
+from app.scene.own_airframe import LARGEST, own_airframe
+from app.store.airframes import AirframeInfo
 from app.store.jobs import JobInfo
 from app.store.monitors import MonitorInfo
 from core.evaluation.certificate import calibrated_on, warnings_of, with_power_of_quiet
@@ -46,6 +49,7 @@ from core.monitor.calibration import rank, threshold
 from core.monitor.combination import members_of
 
 router = APIRouter(prefix="/api/v1/monitors", tags=["monitors"])
+GLB_CONTENT = {OCTETS: {"schema": BINARY, "example": "(the .glb file)"}}
 
 
 class GroupCalibration(BaseModel):
@@ -342,3 +346,41 @@ def read_monitor_file(monitor_id: str, store: StoreDep) -> Response:
     body = store.monitors.file(monitor_id)
     headers = {"Content-Disposition": f'attachment; filename="monitor-{monitor_id}.fwm"'}
     return Response(body, 200, headers, OCTETS)
+
+
+@router.get("/{monitor_id}/airframe")
+def read_airframe(monitor_id: str, store: StoreDep) -> AirframeInfo | None:
+    """The aircraft that was uploaded for the scenes of this monitor's flights; null for none."""
+    return store.airframes.info(monitor_id)
+
+
+@router.post(
+    "/{monitor_id}/airframe",
+    status_code=201,
+    responses=problem_responses(415, 422),
+    openapi_extra={"requestBody": {"required": True, "content": GLB_CONTENT}},
+)
+async def put_airframe(
+    monitor_id: str, request: Request, store: StoreDep, person: PersonDep
+) -> AirframeInfo:
+    """Draw an own aircraft in the scenes of this monitor's flights, in place of any before.
+
+    The body, or a form with a file, is binary glTF (.glb) of at most 8 MiB, with everything inside:
+    no uri, no compression, +z forward and +y up. It is drawn with the span of the other aircraft,
+    in the colours of its materials, without textures and with fixed surfaces. Flights in progress
+    keep theirs.
+    """
+    sent = await sent_file(request)
+    content = bytearray()
+    async for chunk in sent.content:
+        content += chunk
+        if len(content) > LARGEST:
+            break
+    await asyncio.to_thread(own_airframe, bytes(content))
+    return await asyncio.to_thread(store.airframes.put, monitor_id, bytes(content), person.name)
+
+
+@router.delete("/{monitor_id}/airframe", status_code=204)
+def remove_airframe(monitor_id: str, store: StoreDep) -> None:
+    """Draw the usual aircraft again, from the next flight on."""
+    store.airframes.remove(monitor_id)

@@ -57,10 +57,8 @@ def airframe(aircraft_class: AircraftClass) -> tuple[Part, ...]:
         )
 
 
-@cache
-def outline(aircraft_class: AircraftClass) -> tuple[Vertices, Faces]:
+def outline(parts: tuple[Part, ...]) -> tuple[Vertices, Faces]:
     """All parts as one mesh, the surfaces neutral."""
-    parts = airframe(aircraft_class)
     firsts = np.cumsum([0, *(len(part.vertices) for part in parts)])
     vertices = np.concatenate([part.vertices + part.hinge for part in parts])
     faces = np.concatenate([part.faces + k for part, k in zip(parts, firsts, strict=False)])

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 import viser
 
-from app.scene.airframes import Faces, Part, Point, Vertices, airframe, outline
+from app.scene.airframes import Faces, Part, Point, Vertices, outline
 from app.scene.ground_track import TRAIL_POINTS, GroundTrack
 from app.scene.shown import (
     ALERT,
@@ -43,7 +43,6 @@ from app.scene.shown import (
     tone,
 )
 from core.monitor.assessment import State
-from core.simulation.aircraft import AircraftClass
 from core.simulation.attitude import Attitude, SurfaceSigns
 from core.types import Array
 
@@ -93,7 +92,7 @@ LETTERS = {
     "W": ((1, -1, -1, -0.5), (-1, -0.5, 0.4, 0), (0.4, 0, -1, 0.5), (-1, 0.5, 1, 1)),
 }
 """Strokes from (outward, clockwise) to (outward, clockwise), in half letter sizes."""
-HEADLINE_AT, UNKNOWN_AT = (3.5, 2.3, 4.4), (3.5, 2.3, 5.4)
+HEADLINE_AT, UNKNOWN_AT, FIXED_AT = (3.5, 2.3, 4.4), (3.5, 2.3, 5.4), (3.5, 2.3, 6.4)
 """Beside the column from each camera."""
 WORDS = "/words"
 """Node of all texts: a page for a large screen hides them, being too small there."""
@@ -112,6 +111,7 @@ class Picture:
     """The nodes of one scene; `draw` sends the changes as one atomic update.
 
     signs: directions in which the surfaces act.   alpha0: angle of attack at trim [rad].
+    airframe: parts of the aircraft; one without surfaces that move is named as such.
     Not thread-safe, and not usable after the server stopped: Scene takes care of both.
     """
 
@@ -120,10 +120,10 @@ class Picture:
         server: viser.ViserServer,
         signs: SurfaceSigns,
         alpha0: float,
-        aircraft_class: AircraftClass = "fighter",
+        airframe: tuple[Part, ...],
     ) -> None:
         self._server, self._signs, self._alpha0 = server, signs, alpha0
-        self._class: AircraftClass = aircraft_class
+        self._airframe = airframe
         self._track = GroundTrack()
         self._sent: dict[tuple[int, str], Any] = {}
         with server.atomic():
@@ -195,7 +195,7 @@ class Picture:
         scene = self._server.scene
         self._aircraft = scene.add_frame("/chase/aircraft", show_axes=False)
         self._parts: dict[str, tuple[Part, Any]] = {}
-        for part in airframe(self._class):
+        for part in self._airframe:
             node = scene.add_mesh_simple(
                 f"/chase/aircraft/{part.name}",
                 part.vertices,
@@ -222,7 +222,7 @@ class Picture:
         )
         self._ghost = scene.add_mesh_simple(
             "/chase/planned",
-            *outline(self._class),
+            *outline(self._airframe),
             color=PLANNED,
             opacity=0.3,
             scale=0.97,  # hidden by the aircraft while both agree
@@ -272,6 +272,14 @@ class Picture:
             )
             for name, at, size in (("headline", HEADLINE_AT, 1.0), ("unknown", UNKNOWN_AT, 0.8))
         )
+        if "rudder" not in self._parts:
+            scene.add_label(
+                f"{WORDS}/fixed",
+                "surfaces do not move",
+                position=FIXED_AT,
+                font_screen_scale=0.8,
+                anchor="center-center",
+            )
         self._readout = self._server.gui.add_html("")
 
     # --- moving ---------------------------------------------------------------------------------

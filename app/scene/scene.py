@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import isfinite
 
+from app.scene.airframes import Part, airframe
+from app.scene.own_airframe import own_airframe
 from app.scene.picture import Picture
 from app.scene.server import address, open_server
 from app.scene.shown import POSE, Shown
@@ -51,7 +53,7 @@ class Scene:
         signs: SurfaceSigns,
         alpha0: float,
         stale_after_s: float,
-        aircraft_class: AircraftClass = "fighter",
+        parts: tuple[Part, ...] = (),
     ) -> None:
         self._clock, self._stale_after_s = clock, stale_after_s
         self._lock, self._latest = threading.RLock(), threading.Lock()
@@ -61,7 +63,7 @@ class Scene:
         self._closed = False
         self._server = open_server()
         try:
-            self._picture = Picture(self._server, signs, alpha0, aircraft_class)
+            self._picture = Picture(self._server, signs, alpha0, parts or airframe("fighter"))
         except BaseException:
             self._server.stop()
             raise
@@ -168,11 +170,13 @@ class Scenes:
         alpha0: float = 0.0,
         stale_after_s: float | None = None,
         aircraft_class: AircraftClass = "fighter",
+        own: bytes | None = None,
     ) -> Scene:
         """Open the scene of a flight, or return the open one; blocks for about 30 ms.
 
         signs: directions in which the surfaces act.   alpha0: angle of attack at trim [rad].
-        stale_after_s: see `Scene.wait`.   aircraft_class: shape of the drawn aircraft.
+        stale_after_s: see `Scene.wait`.   aircraft_class: shape of the drawn aircraft, but for
+        an `own` one as a file, see `own_airframe`.
         RuntimeError after `stop`.
         """
         with self._lock:
@@ -181,7 +185,8 @@ class Scenes:
             if flight in self._scenes:
                 return self._scenes[flight]
             stale_after_s = stale_after_s or self._stale_after_s
-            scene = Scene(time.monotonic, signs, alpha0, stale_after_s, aircraft_class)
+            parts = airframe(aircraft_class) if own is None else own_airframe(own)
+            scene = Scene(time.monotonic, signs, alpha0, stale_after_s, parts)
             self._scenes[flight] = scene
             if self._ticker is None:
                 self._ticker = threading.Thread(target=self._tick, name="scenes", daemon=True)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from sqlalchemy import Engine, select
 
+from app.store.airframes import AirframeRepository
 from app.store.alarms import AlarmRepository, FlightMarkerRepository
 from app.store.answers import AnswerRepository
 from app.store.campaigns import CampaignRepository
@@ -52,6 +53,7 @@ class Store:
         self._n_noted = -1
         self.datasets = DatasetRepository(*shared)
         self.monitors = MonitorRepository(*shared)
+        self.airframes = AirframeRepository(*shared)
         self.jobs = JobRepository(*shared)
         self.flights = FlightRepository(*shared)
         self.alarms = AlarmRepository(*shared)

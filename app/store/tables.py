@@ -171,6 +171,16 @@ monitor_parts = Table(
     Column("content", LargeBinary, nullable=False),
 )
 
+airframes = Table(
+    "airframes",
+    metadata,
+    _part_of("monitors"),
+    Column("created", String(27), nullable=False),
+    Column("by", Text, nullable=False),
+    Column("digest", String(64), nullable=False),
+    Column("content", LargeBinary, nullable=False),
+)
+
 jobs = Table(
     "jobs",
     metadata,

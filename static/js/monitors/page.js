@@ -24,6 +24,7 @@ import {
 import { withLimits } from "../lib/limits.js";
 import { warningLines } from "../lib/monitors.js";
 import { capital, count, counted, figure, interval, moment, percent } from "../lib/numbers.js";
+import { createAirframeChoice } from "./airframe.js";
 import { createEpsilonChoice } from "./choose_epsilon.js";
 import { createEpsilonCost } from "./epsilon_cost.js";
 import { calibrationFigure, curvesFigure, leadFigure, preventionFigure } from "./figures.js";
@@ -34,10 +35,10 @@ const failed = ["failed", ({ n_unsafe: n }) => count(n), "number"];
 const withdrawn = ["INVALID before an alert", ({ withdrawn: called, n_unsafe: n }) => share(called, n), "number"];
 
 export function showMonitor(element, { id, api, navigate }) {
-  const loads = [loadCatalog, `/monitors/${id}`, `/monitors/${id}/calibration`, () => evaluationOf(api, id)];
+  const loads = [loadCatalog, `/monitors/${id}`, `/monitors/${id}/calibration`, () => evaluationOf(api, id), `/monitors/${id}/airframe`];
   return loadingView(element, { title: "Monitor", text: "Opening the monitor", loads, build });
 
-  async function build({ keep }, catalog, monitor, calibration, evaluation) {
+  async function build({ keep }, catalog, monitor, calibration, evaluation, airframe) {
     const { dataset_id: from } = monitor;
     const [dataset, rollouts] = from ? await Promise.all([api.get(`/datasets/${from}`), sampleRollouts(api, from)]) : [];
     const calibrations = calibration.groups.length ? calibration.groups : [calibration];
@@ -90,6 +91,7 @@ export function showMonitor(element, { id, api, navigate }) {
       fold("Training flights and calibration", figurePanels(training)),
       fold("Flown flights", flownFlights(evaluation)),
       fold("Channels", isKnown ? null : channelTable(channels)),
+      fold("Aircraft in the scene", createAirframeChoice({ api, id, airframe })),
       fold("Recipe, origin and file", details(monitor, calibration, catalog)),
     );
   }

@@ -16,6 +16,7 @@ from core.monitor.file.loading import from_bytes
 from core.monitor.file.portable import pack, unpack
 from core.planned_test.collection import DatasetRecipe
 from tests.support.api import finished, problem, store_of
+from tests.support.glb_file import glb
 
 DATASET = {"n_unsafe": 12, "n_obs": 20, "seed": 4}
 AVERAGE = {"guarantee": "average"}
@@ -382,3 +383,35 @@ def upload(client, content):
     """Send a portable monitor."""
     headers = {"content-type": "application/octet-stream"}
     return client.post("/api/v1/monitors", content=content, headers=headers)
+
+
+def test_an_own_aircraft_is_stored_replaced_and_removed(client, stored):
+    path = f"/api/v1/monitors/{stored}/airframe"
+    assert client.get(path).json() is None
+    small, large = (glb(((10, 1, size), (0, 0, 0))) for size in (4, 8))
+    for content in (small, large):
+        answer = client.post(path, content=content, headers={"Content-Type": "model/gltf-binary"})
+        assert answer.status_code == 201, answer.text
+        assert answer.json()["digest"] == hashlib.sha256(content).hexdigest()
+    assert client.get(path).json() == answer.json()
+    assert store_of(client).airframes.file(stored) == large
+    sent = client.post(path, files={"file": ("own.glb", small)})
+    assert sent.json()["size"] == len(small)
+    refused = problem(client.post(path, content=b"solid"), 422)
+    assert "no binary glTF" in refused
+    assert client.get(path).json()["size"] == len(small)
+    assert client.delete(path).status_code == 204
+    assert client.get(path).json() is None
+    problem(client.get("/api/v1/monitors/000000000000/airframe"), 404)
+    problem(client.post("/api/v1/monitors/000000000000/airframe", content=small), 404)
+
+
+def test_a_flight_is_drawn_with_its_monitors_own_aircraft(client, stored):
+    path = f"/api/v1/monitors/{stored}/airframe"
+    client.post(path, content=glb(((10, 1, 8), (0, 0, 0))))
+    order = {"source": {"kind": "live", "trim": "none"}, "monitor": stored}
+    flight = client.post("/api/v1/flights", json=order).json()["id"]
+    drawn = client.app.state.scenes.get(flight)._picture._parts
+    assert list(drawn) == ["own_0"]
+    client.post(f"/api/v1/flights/{flight}/end")
+    client.delete(path)

@@ -130,7 +130,7 @@ def test_a_class_has_what_it_is_recognised_by(kind, features):
 
 @pytest.mark.parametrize("kind", AIRFRAMES)
 def test_the_outline_is_all_parts_with_neutral_surfaces(kind):
-    vertices, faces = outline(kind)
+    vertices, faces = outline(airframe(kind))
     corners_of_parts = [turned(part, 0.0)[part.faces] for part in airframe(kind)]
     np.testing.assert_allclose(vertices[faces], np.concatenate(corners_of_parts), atol=1e-4)
 

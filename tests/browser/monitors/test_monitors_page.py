@@ -15,6 +15,7 @@ from app.store.store import Store
 from core.monitor import train
 from core.monitor.calibration import Guarantee, failures_needed
 from tests.browser.site import open_site
+from tests.support.glb_file import glb
 
 SMALL = {"n_unsafe": 40, "seed": 5}
 N_TEST = 300
@@ -602,3 +603,25 @@ def test_nothing_is_wider_than_the_page(page: Page, site: Site) -> None:
             page.set_viewport_size({"width": width, "height": 720})
             beyond = box.evaluate("element => element.scrollWidth - element.clientWidth")
             assert beyond <= 0, (view, width)
+
+
+def test_an_own_aircraft_is_uploaded_refused_and_removed_on_the_monitors_page(
+    page: Page, site: Site, allowed_errors: list[str]
+) -> None:
+    allowed_errors.append("422 (")
+    page.goto(f"{site.http}/#/monitors/{site.monitor}")
+    page.get_by_text("Aircraft in the scene").click()
+    choice = page.get_by_label("Aircraft as a .glb file")
+    status = page.locator("details[open] [role=status]")
+    expect(status).to_contain_text("fighter, transport or trainer")
+    content = glb(((10, 1, 8), (0, 0, 0)))
+    choice.set_input_files({"name": "own.glb", "mimeType": "model/gltf-binary", "buffer": content})
+    expect(status).to_contain_text("uploaded by local")
+    assert site.store.airframes.file(site.monitor) == content
+    choice.set_input_files({"name": "x.glb", "mimeType": "model/gltf-binary", "buffer": b"solid"})
+    expect(page.locator("details[open] .error")).to_contain_text("no binary glTF")
+    page.reload()
+    page.get_by_text("Aircraft in the scene").click()
+    page.get_by_role("button", name="Remove it").click()
+    expect(status).to_contain_text("fighter, transport or trainer")
+    assert site.store.airframes.file(site.monitor) is None
