@@ -17,6 +17,7 @@ from app.flights.recorder import RecordedSample
 from app.flights.verdict import longest_manoeuvre, planned_length
 from app.messages import FlownMonitor
 from app.store.store import Store
+from core.flight_events import Alarm
 from core.monitor.assessment import STATES
 
 
@@ -84,15 +85,17 @@ def _intervals(pairs: tuple[tuple[float, float], ...]) -> list[Interval]:
 
 
 def compared(
-    store: Store, flight_id: str, waiting: Sequence[RecordedSample] = ()
+    store: Store,
+    flight_id: str,
+    alarms: Sequence[Alarm],
+    waiting: Sequence[RecordedSample] = (),
 ) -> FlightComparison:
     """Compare by the samples so far. waiting: those not stored yet. NotFound; StoreError."""
     info, assessed = store.flights.info(flight_id), _assessed(store, flight_id, waiting)
     part = longest_pass(assessed[0].t)
     assessed = [each.part(part) for each in assessed]
     t = assessed[0].t
-    alarms = store.alarms.of(flight_id) if len(t) else []
-    exceeded = [a.t for a in alarms if a.kind == "limit" and t[0] <= a.t <= t[-1]]
+    exceeded = [a.t for a in alarms if a.kind == "limit" and len(t) and t[0] <= a.t <= t[-1]]
     first = min(exceeded, default=None)
     recipe = store.monitors.info(info.monitor_id).dataset_recipe
     longest = longest_manoeuvre(planned_length(recipe))

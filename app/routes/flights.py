@@ -309,8 +309,9 @@ async def compare_monitors(flight_id: str, flights: FlightsDep) -> FlightCompari
     Of a flight in progress by the samples so far; of a replay that jumps, by its longest pass.
     """
     flight = flights.get(flight_id)
+    alarms = await flights.records.alarms(flight_id)
     waiting = flight.recorder.waiting(0, flight.head) if flight else []
-    return await asyncio.to_thread(compared, flights.store, flight_id, waiting)
+    return await asyncio.to_thread(compared, flights.store, flight_id, alarms, waiting)
 
 
 @router.get("/{flight_id}/alarms")
