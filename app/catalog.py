@@ -28,7 +28,9 @@ from app.recipes.recipes import (
     STORED_LIMITS,
     USUAL_DATASET,
     USUAL_MONITOR,
+    USUAL_NONLINEAR,
     Imperfect,
+    SimulatedHere,
     limits_named,
 )
 from app.recipes.recipes import to_plain as stored_plain
@@ -51,11 +53,14 @@ from core.monitor import MonitorRecipe
 from core.monitor.recipe import METHODS
 from core.planned_test.amplitude import WANTED_SHARE
 from core.planned_test.collection import DatasetRecipe
+from core.planned_test.nonlinear_test import NonlinearTest
 from core.recipe import FAMILIES, Family, family_of
 from core.simulation.aircraft import Aircraft
+from core.simulation.maneuver import LATERAL_MANEUVERS
 
 RECIPES: dict[str, Any] = {
     "dataset": DatasetRecipe(),
+    "nonlinear": NonlinearTest(),
     "monitor": MonitorRecipe(),
     "study": StudyRecipe(),
     "combination": CombinationRecipe(),
@@ -64,7 +69,11 @@ RECIPES: dict[str, Any] = {
     "epsilon": ChoiceRecipe(most_missed=0.1, most_false_alarms=0.2),
 }
 
-USUAL: dict[str, Any] = {"dataset": USUAL_DATASET, "monitor": USUAL_MONITOR}
+USUAL: dict[str, Any] = {
+    "dataset": USUAL_DATASET,
+    "nonlinear": USUAL_NONLINEAR,
+    "monitor": USUAL_MONITOR,
+}
 """Recipes of an empty request, where they differ from the default."""
 
 
@@ -88,7 +97,9 @@ def catalog() -> dict[str, Any]:
             name: {
                 "schema": schema_of(recipe),
                 "default": to_plain(recipe),
-                "as_flown": to_plain(recipe.as_trained()) if name == "dataset" else None,
+                "as_flown": to_plain(recipe.as_trained())
+                if isinstance(recipe, SimulatedHere)
+                else None,
                 "usual": to_plain(USUAL[name]) if name in USUAL else None,
             }
             for name, recipe in RECIPES.items()
@@ -181,6 +192,8 @@ def schema_of(member: Any) -> dict[str, Any]:
     for field in fields(member):
         value, words = getattr(member, field.name), described.get(field.name, "")
         entry: dict[str, Any] = _property(known[field.name], value)
+        if field.name == "maneuver" and isinstance(member, DatasetRecipe):
+            entry["properties"] = {"kind": {"enum": list(LATERAL_MANEUVERS)}}
         if (bounds := bounds_of(kind).get(field.name)) is not None:
             entry |= bounds.as_schema
         name = LIMITS if field.name == STORED_LIMITS else field.name

@@ -111,7 +111,7 @@ def rollouts_test(
     y: (n, n_samples, n_channels) NaN after the end.   dt: [s].
     """
     unlimited = Envelope.unlimited(len(dictionary))
-    if "maneuver" in recipe:
+    if "maneuver" in recipe and dictionary == LATERAL:
         return _recipe_test(dt, unlimited, recipe)
     inputs = None
     if dictionary.of_role("control"):

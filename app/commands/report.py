@@ -19,13 +19,12 @@ from app.commands.output.scores import (
 )
 from app.jobs.requests import N_TEST
 from app.jobs.training import fly_test
-from app.recipes.recipes import RecipeError, from_plain
+from app.recipes.recipes import RecipeError, default_test, from_plain
 from app.recordings.exports import EXPORTS, export
 from app.recordings.scored_file import MappingMemory, ScoredFile, ScoreRequest, labels, score_file
 from app.report.page import report
 from app.report.subject import about, file_subjects
 from core.monitor import Monitor
-from core.planned_test.collection import DatasetRecipe
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -131,7 +130,8 @@ def evaluation(monitor: Monitor, n_test: int) -> dict[str, Any] | None:
     if monitor.evaluation is not None:
         return monitor.evaluation
     try:
-        recipe = from_plain(DatasetRecipe(), monitor.dataset_recipe, "dataset")
+        plain = monitor.dataset_recipe
+        recipe = from_plain(default_test(plain), plain, "dataset")
     except RecipeError:
         return None
     if not (n_test and monitor.dataset_recipe):

@@ -32,6 +32,7 @@ from app.jobs.training import (
 from app.recipes import labels
 from app.recipes.recipes import (
     RecipeError,
+    SimulatedHere,
     dataset_for,
     from_plain,
     monitor_as_ordered,
@@ -52,8 +53,7 @@ from core.evaluation.robustness import DIFFERENCES, by_aircraft
 from core.monitor import Monitor, MonitorRecipe
 from core.monitor.calibration import check_epsilon
 from core.monitor.training import check_lead
-from core.planned_test.collection import DatasetRecipe, card_of
-from core.planned_test.own import OwnTest
+from core.planned_test.collection import DatasetRecipe, SimulatedTest, card_of
 from core.rollouts import doubts_of
 
 SIMULATED = "simulated"
@@ -64,7 +64,7 @@ SIMULATED = "simulated"
 class TrainingRecipe:
     """What `train` does: simulate a dataset, train a monitor, fly fresh rollouts through it."""
 
-    dataset: DatasetRecipe = DatasetRecipe()  # noqa: RUF009
+    dataset: SimulatedHere = DatasetRecipe()  # noqa: RUF009
     monitor: MonitorRecipe = MonitorRecipe()  # noqa: RUF009
     n_test: Annotated[int, Bounds(least=0, words="it must be 0 or more")] = N_TEST
     """fresh test flights; 2000 if absent"""
@@ -175,7 +175,7 @@ def recipe_of(options: argparse.Namespace) -> TrainingRecipe:
     return recipe
 
 
-def simulated(test: DatasetRecipe | OwnTest) -> Dataset:
+def simulated(test: SimulatedTest) -> Dataset:
     with progress_bar("unsafe rollouts") as progress:
         return simulate(test, lambda _, done, total: progress(done, total))
 

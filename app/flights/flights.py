@@ -36,6 +36,7 @@ from app.store.store import NotFound, Store, StoreError, StoreHealth
 from app.telemetry.journal import Journals, lines_of
 from core.conditions import ConditionKey
 from core.flight_events import FlightMarker, FlightMarkerKey
+from core.planned_test.planned_test import DatasetRecipe
 from core.simulation.attitude import SurfaceSigns, surface_signs
 
 if TYPE_CHECKING:
@@ -452,7 +453,9 @@ class Flights:
             return None
         recipe = plan.monitor.dataset_recipe
         test = simulated_test(recipe)
-        signs = surface_signs(test.aircraft.uncertain_plant()) if test else SurfaceSigns(1, -1)
+        signs = SurfaceSigns(1, -1) if test is None else SurfaceSigns(-1, -1)
+        if isinstance(test, DatasetRecipe):
+            signs = surface_signs(test.aircraft.uncertain_plant())
         try:
             looks = test.aircraft.condition.aircraft_class if test else "fighter"
             alpha0 = trim_angles(recipe)[0]

@@ -90,8 +90,8 @@ def verdict(alarms: Iterable[Alarm], circumstances: Circumstances = AS_FLOWN) ->
 
 def planned_length(dataset_recipe: Mapping[str, Any]) -> float | None:
     """Length of the planned manoeuvre [s]; None if unknown, as of own rollouts."""
-    plain = {key: dataset_recipe[key] for key in ("maneuver",) if key in dataset_recipe}
-    return from_plain(DatasetRecipe(), plain).maneuver.duration_s if plain else None
+    plain = dataset_recipe.get("maneuver")
+    return from_plain(DatasetRecipe().maneuver, plain).duration_s if plain else None
 
 
 def longest_manoeuvre(planned_s: float | None) -> float:

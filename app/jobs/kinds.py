@@ -20,7 +20,7 @@ from app.jobs.training import (
     train_and_test,
     with_test,
 )
-from app.recipes.recipes import USUAL_MONITOR
+from app.recipes.recipes import USUAL_MONITOR, SimulatedHere
 from app.recordings.flown_flights import sent_rollouts
 from app.recordings.recordings import Recordings
 from app.recordings.rollouts import SentRollouts
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def simulate_dataset(task: Task, name: str, recipe: DatasetRecipe, store: Store) -> Result:
+def simulate_dataset(task: Task, name: str, recipe: SimulatedHere, store: Store) -> Result:
     """Simulate and store a dataset; the result has its id."""
     dataset = simulate(recipe, task.progress)
     task.progress("storing", task.done, task.total)

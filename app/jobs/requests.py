@@ -12,6 +12,7 @@ from app.recipes.recipes import (
     USUAL_MONITOR,
     Imperfect,
     RecipeError,
+    SimulatedHere,
     as_ordered,
     dataset_for,
     dataset_recipe,
@@ -23,6 +24,7 @@ from app.recipes.recipes import (
 )
 from app.store.store import Store
 from core.bounds import Bounds, check_bounds, quoted
+from core.channels import CHANNELS
 from core.evaluation.epsilon_choice import ChoiceRecipe
 from core.evaluation.lead_sweep import SweepRecipe, check_leads, planned_tests
 from core.evaluation.study import StudyRecipe
@@ -42,10 +44,10 @@ N_TEST = 2000
 """Fresh flights of a monitor's evaluation, by default."""
 LARGEST_N_TEST = 100_000
 MOST_MEMBERS, MOST_LEADS = 16, 20
-N_CHANNELS_BYTES = 6 * 8
+BYTES = 8
 
 
-Requested = str | DatasetRecipe
+Requested = str | SimulatedHere
 """The id of a stored dataset, or a recipe to simulate."""
 
 
@@ -86,7 +88,7 @@ class CombinationRecipe:
         check_epsilon(self.epsilon, self.n_unsafe, self.guarantee)
 
 
-def dataset_request(plain: Any, max_bytes: int) -> tuple[str, DatasetRecipe]:
+def dataset_request(plain: Any, max_bytes: int) -> tuple[str, SimulatedHere]:
     """Read the body of a request for a dataset: its name and recipe. RecipeError."""
     if not isinstance(plain, dict):
         raise RecipeError(f"dataset is {quoted(plain)}: give its recipe, an object")
@@ -94,6 +96,11 @@ def dataset_request(plain: Any, max_bytes: int) -> tuple[str, DatasetRecipe]:
     name = _name(plain)
     recipe = _dataset_recipe(plain, max_bytes)
     return name or dataset_name(recipe), recipe
+
+
+def linear_request(plain: Any, max_bytes: int) -> DatasetRecipe:
+    """Read a dataset's recipe that needs a linear aircraft. RecipeError."""
+    return _linear(dataset_request(plain, max_bytes)[1], "")
 
 
 def amplitude_suggestion(plain: dict[str, Any], max_bytes: int) -> tuple[Suggestion, Maneuver]:
@@ -166,7 +173,7 @@ def combination_request(
     return name, ids, recipe
 
 
-def planned_test(members: Sequence[Monitor], lead: float) -> DatasetRecipe:
+def planned_test(members: Sequence[Monitor], lead: float) -> SimulatedHere:
     """The planned test of all members, one of which has this lead [s].
 
     ValueError if they do not fit together or were not trained on simulated flights.
@@ -228,14 +235,21 @@ def sweep_request(
 
 def _recipe_of(requested: Requested, store: Store, remedy: str = "") -> DatasetRecipe:
     """The recipe, given or stored. RecipeError if a stored dataset was not simulated."""
-    if isinstance(requested, DatasetRecipe):
-        return requested
+    if isinstance(requested, SimulatedHere):
+        return _linear(requested, remedy)
     plain = store.datasets.info(requested).recipe
     if (recipe := simulated_test(plain)) is None:
         what = own_code(plain) or "was not simulated here"
         reason = f"dataset {requested} {what}; give a recipe instead"
         raise RecipeError(f"{reason} {remedy}".strip())
-    return recipe
+    return _linear(recipe, remedy)
+
+
+def _linear(recipe: SimulatedHere, remedy: str) -> DatasetRecipe:
+    """The recipe if its aircraft is linear. RecipeError."""
+    if isinstance(recipe, DatasetRecipe):
+        return recipe
+    raise RecipeError(f"dataset.aircraft is nonlinear: choose a linear aircraft {remedy}".strip())
 
 
 def choice_request(
@@ -251,13 +265,13 @@ def choice_request(
     return monitor, recipe
 
 
-def check_size(recipe: DatasetRecipe, max_bytes: int) -> None:
+def check_size(recipe: SimulatedHere, max_bytes: int) -> None:
     """RecipeError if the recipe's arrays may need more memory than the server allows."""
     samples = recipe.maneuver.duration_s / recipe.dt + 1
     kept = (min(recipe.max_safe, recipe.max_rollouts) + recipe.n_unsafe) * samples
     run_up = recipe.imperfections.run_up(recipe.dt)
     chunk = LARGEST_CHUNK * (run_up + samples) * recipe.substeps
-    needed = max(kept, chunk) * N_CHANNELS_BYTES
+    needed = max(kept, chunk) * _channels(recipe) * BYTES
     if needed > max_bytes:
         raise RecipeError(
             f"{samples:.6g} samples a rollout, substeps={recipe.substeps}, "
@@ -267,7 +281,7 @@ def check_size(recipe: DatasetRecipe, max_bytes: int) -> None:
         )
 
 
-def _dataset_recipe(plain: Any, max_bytes: int, unsaid: Imperfect = "usual") -> DatasetRecipe:
+def _dataset_recipe(plain: Any, max_bytes: int, unsaid: Imperfect = "usual") -> SimulatedHere:
     with _refusing():
         recipe, _ = dataset_recipe(as_ordered(plain, unsaid))
     check_size(recipe, max_bytes)
@@ -336,16 +350,22 @@ def _count(plain: dict[str, Any], key: str, default: int, lowest: int, highest: 
     return value
 
 
-def _check_test_size(recipe: DatasetRecipe, n_test: int, max_bytes: int) -> None:
+def _check_test_size(recipe: SimulatedHere, n_test: int, max_bytes: int) -> None:
     run_up = recipe.imperfections.run_up(recipe.dt)
     samples = (run_up + recipe.maneuver.duration_s / recipe.dt + 1) * recipe.substeps
-    if n_test * samples * N_CHANNELS_BYTES > max_bytes:
+    if n_test * samples * _channels(recipe) * BYTES > max_bytes:
         raise RecipeError(
             f"n_test={n_test} fresh flights are too many for this server: ask for fewer"
         )
 
 
-def dataset_name(recipe: DatasetRecipe) -> str:
+def _channels(recipe: SimulatedHere) -> int:
+    if isinstance(recipe, DatasetRecipe):
+        return len(CHANNELS)
+    return len(recipe.specification.dictionary)
+
+
+def dataset_name(recipe: SimulatedHere) -> str:
     plain = to_plain(recipe)
     kinds = (kind_label(plain[part]["kind"]) for part in ("aircraft", "maneuver"))
     return f"{', '.join(kinds)}, seed {recipe.seed}"

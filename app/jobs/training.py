@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from app.recipes.recipes import own_code, simulated_test
+from app.recipes.recipes import SimulatedHere, own_code, simulated_test
 from core.dataset import FLOWN, Dataset
 from core.evaluation.certificate import USES
 from core.evaluation.method_choice import best_of, most_missed, plain_threshold, try_methods
@@ -170,7 +170,7 @@ def simulate(recipe: SimulatedTest, progress: Progress) -> Dataset:
     return collect(recipe, progress=report)
 
 
-def test_to_fly(monitor: Monitor) -> DatasetRecipe:
+def test_to_fly(monitor: Monitor) -> SimulatedHere:
     """The monitor's planned test, to fly again. ValueError if it is not known."""
     recipe = simulated_test(monitor.dataset_recipe)
     if reason := own_code(monitor.dataset_recipe):
@@ -198,13 +198,17 @@ def train_and_test(
     simulated = simulated_test(dataset.recipe)
     if simulated is None:
         return train_on_flights(dataset, recipe, choose, progress)
+    if not isinstance(simulated, DatasetRecipe):
+        recipe = recipe.as_planned()
     progress("training", 0, 3)
     card = card_of(simulated) if recipe.predictor.forecast == "card" else None
     failures = rollouts = None
     near: list[Rollouts] = []
     if recipe.predictor.forecast == "ensemble":
         failures = _fresh_failures(replace(simulated, groups=recipe.groups), progress)
-    if recipe.is_near:
+    if not isinstance(simulated, DatasetRecipe):
+        rollouts = training_rollouts(simulated)
+    elif recipe.is_near:
         rollouts, near = near_rollouts(simulated), _near_failures(simulated, progress)
     monitor = train(dataset, recipe, card=card, rollouts=rollouts, failures=failures, near=near)
     monitor.check_epsilon()

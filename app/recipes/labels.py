@@ -15,6 +15,7 @@ from core.simulation.published import MODELS
 
 FAMILIES = {
     "aircraft": "Aircraft",
+    "nonlinear_aircraft": "Aircraft",
     "control_law": "Control law",
     "maneuver": "Manoeuvre",
     "limits": "Limits",
@@ -25,6 +26,9 @@ FAMILIES = {
 KINDS: dict[str, str] = {
     **{name: model.title for name, model in MODELS.items()},
     "matrices": "Your own model (matrices)",
+    "f16_polynomial": "F-16, polynomials",
+    "ggam_f16c": "F-16C, generic model",
+    "ggam_a7": "A-7, generic model",
     "none": "none, the bare airframe",
     "f16_sl_ofb": "F-16 output feedback (Stevens and Lewis)",
     "f16_damper": "F-16 yaw and roll damper",
@@ -37,6 +41,10 @@ KINDS: dict[str, str] = {
     "state_space": "Your own control law (matrices)",
     "multistep_3211": "3-2-1-1 multistep",
     "bank_to_bank": "bank to bank",
+    "wind_up_turn": "wind-up turn",
+    "push_over_pull_up": "push-over pull-up",
+    "rolling_pull_out": "rolling pull-out",
+    "steady_heading_sideslip": "steady-heading sideslip",
     "table": "your own table of commands",
     "linear": "linear, by least squares",
     "identity": "none, the observation itself",
@@ -81,7 +89,7 @@ CHOICES: dict[str, dict[Hashable, str]] = {
         "fraction": "fraction of the value",
         "absolute": "the parameter's own",
     },
-    "surface": {"aileron": "aileron", "rudder": "rudder"},
+    "surface": {"aileron": "aileron", "rudder": "rudder", "elevator": "elevator"},
     "spacing": {"log": "logarithmic in time", "linear": "linear in time"},
     "interpolation": {"hold": "held", "linear": "joined by straight lines"},
     "turbulence": {

@@ -3,12 +3,12 @@
 import json
 from collections.abc import Mapping
 from copy import deepcopy
-from dataclasses import fields, replace
+from dataclasses import fields, is_dataclass, replace
 from functools import cache
 from itertools import takewhile
 from math import inf
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, TypeVar, get_args
 
 from pydantic import PlainSerializer, TypeAdapter, ValidationError
 
@@ -17,16 +17,19 @@ from app.telemetry.recording import TelemetryError
 from app.telemetry.targets import check_limits
 from core import recipe
 from core.channels import BEYOND_FLIGHT, CHANNELS, Channel
+from core.limits.flight_limits import FlightLimits
 from core.limits.limits import Limits
 from core.monitor.group import Pooled
 from core.monitor.predictor import Ensemble, Scope
 from core.monitor.recipe import METHODS, MonitorRecipe
 from core.monitor.score import SCORES
 from core.planned_test.amplitude import Suggestion, suggest_amplitude
+from core.planned_test.nonlinear_test import NonlinearTest
 from core.planned_test.planned_test import DatasetRecipe
 from core.recipe import RecipeError as RecipeError
 from core.recipe import to_plain as to_plain
 from core.simulation.aircraft import AIRCRAFT, MatrixAircraft
+from core.simulation.nonlinear_aircraft import NONLINEAR_AIRCRAFT
 
 DEFAULT_KIND: str = to_plain(DatasetRecipe())["aircraft"]["kind"]
 BEFORE_IMPERFECTIONS = {entry.name for entry in fields(DatasetRecipe)} - {"imperfections"}
@@ -35,6 +38,11 @@ BEFORE_GUARANTEE = set(
 )
 MATRICES = {"A": "a", "B": "b", "C": "c", "D": "d"}
 """Names of matrices as printed, and their parameters."""
+
+
+SimulatedHere = DatasetRecipe | NonlinearTest
+"""Tests that the program simulates from their recipe."""
+Test = TypeVar("Test", bound=SimulatedHere)
 
 
 def _changes(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
@@ -46,18 +54,34 @@ def _changes(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-AS_FLOWN: dict[str, Any] = _changes(
-    to_plain(DatasetRecipe()), to_plain(DatasetRecipe().as_trained())
-)
-"""The parts of a recipe with noise, jitter and imperfections as usual in flight."""
+@cache
+def as_flown(kind: type[SimulatedHere]) -> dict[str, Any]:
+    """The parts of a recipe with noise, jitter and imperfections as usual in flight."""
+    return _changes(to_plain(kind()), to_plain(kind().as_trained()))
+
+
+def default_test(plain: Any) -> SimulatedHere:
+    """The default recipe of a test with this aircraft."""
+    aircraft = plain.get("aircraft") if isinstance(plain, dict) else None
+    kind = aircraft.get("kind") if isinstance(aircraft, dict) else None
+    is_nonlinear = isinstance(kind, str) and kind in NONLINEAR_AIRCRAFT
+    return NonlinearTest() if is_nonlinear else DatasetRecipe()
+
+
 Imperfect = Literal["usual", "none"]
 """Whether rollouts have gusts, instrument errors, noise and pilot scatter as usual in flight."""
 USUAL_DATASET = DatasetRecipe(n_unsafe=500).as_trained()
 """The default dataset."""
+USUAL_NONLINEAR = NonlinearTest(n_unsafe=USUAL_DATASET.n_unsafe).as_trained()
+"""The default dataset of a nonlinear aircraft."""
 USUAL_MONITOR = MonitorRecipe(
     predictor=Ensemble(scope="near"), score=SCORES["highest_risk"], guarantee="95%"
 )
 """The default monitor."""
+NO_FLIGHT_LIMITS = {
+    each.name: None for each in fields(FlightLimits) if not is_dataclass(each.default)
+}
+"""A nonlinear aircraft has the limits that are given, and no others."""
 AUTO = "auto"
 """Value of an amplitude: the one that a pilot run suggests."""
 
@@ -102,7 +126,7 @@ def stored_names(plain: Any, where: str = "dataset") -> Any:
 
 def from_plain(default: Any, plain: Any, where: str = "recipe") -> Any:
     """`default` with the values of `plain`, each checked for its type. RecipeError."""
-    if isinstance(default, DatasetRecipe) and isinstance(plain, dict) and SIMULATOR in plain:
+    if isinstance(default, SimulatedHere) and isinstance(plain, dict) and SIMULATOR in plain:
         raise RecipeError(f"{where} {own_code(plain)}")
     return recipe.from_plain(default, plain, where, _checked, {STORED_LIMITS: LIMITS})
 
@@ -117,10 +141,10 @@ def own_code(plain: Mapping[str, Any]) -> str:
     )
 
 
-def simulated_test(plain: dict[str, Any]) -> DatasetRecipe | None:
+def simulated_test(plain: dict[str, Any]) -> SimulatedHere | None:
     """The recipe that a dataset or a monitor stores as plain data; None if it has no known one."""
     try:
-        return from_plain(DatasetRecipe(), plain, "dataset") if plain else None
+        return from_plain(default_test(plain), plain, "dataset") if plain else None
     except ValueError:
         return None
 
@@ -144,7 +168,7 @@ def _checked(default: Any, values: Mapping[str, Any], where: str) -> Any:
         raise RecipeError(f"{where}.{place} {reason}") from error
 
 
-def dataset_recipe(plain: Any, where: str = "dataset") -> tuple[DatasetRecipe, Suggestion | None]:
+def dataset_recipe(plain: Any, where: str = "dataset") -> tuple[SimulatedHere, Suggestion | None]:
     """Read a dataset's recipe; a missing law, manoeuvre or limit is that of the usual test.
 
     `amplitude_deg` "auto", or none for a user's own model, becomes the amplitude that a pilot run
@@ -161,8 +185,12 @@ def dataset_recipe(plain: Any, where: str = "dataset") -> tuple[DatasetRecipe, S
     if is_auto:
         rest = {key: value for key, value in maneuver.items() if key != "amplitude_deg"}
         plain = plain | {"maneuver": rest}
-    read = from_plain(DatasetRecipe(), _with_usual_test(plain), where)
-    _check_limits(read.specification, f"{where}.{LIMITS}")
+    default, limits = default_test(plain), plain.get(STORED_LIMITS)
+    if isinstance(default, NonlinearTest) and isinstance(limits, dict):
+        plain = plain | {STORED_LIMITS: NO_FLIGHT_LIMITS | limits}
+    read: SimulatedHere = from_plain(default, _with_usual_test(plain), where)
+    if isinstance(read, DatasetRecipe):
+        _check_limits(read.specification, f"{where}.{LIMITS}")
     if not is_auto and (has_amplitude or not _is_own_model(plain)):
         return read, None
     suggestion = suggest_amplitude(read)
@@ -185,10 +213,10 @@ def as_ordered(plain: Any, unsaid: Imperfect = "usual", asked: Imperfect | None 
         plain = {"n_unsafe": USUAL_DATASET.n_unsafe} | plain
     if (asked or ("none" if is_whole else unsaid)) == "none":
         return plain
-    return overlay(deepcopy(AS_FLOWN), plain)
+    return overlay(deepcopy(as_flown(type(default_test(plain)))), plain)
 
 
-def dataset_for(monitor: MonitorRecipe, dataset: DatasetRecipe) -> DatasetRecipe:
+def dataset_for(monitor: MonitorRecipe, dataset: Test) -> Test:
     """The dataset for a monitor; a monitor with groups gets equally many failures of each."""
     return (
         replace(dataset, groups=monitor.groups) if isinstance(dataset.groups, Pooled) else dataset

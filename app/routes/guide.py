@@ -23,6 +23,7 @@ SLUGS = (
     "first-recording",
     "first-live-flight",
     "own-simulator",
+    "nonlinear-aircraft",
     "campaigns",
     "alarms-and-keys",
     "limit-sets",

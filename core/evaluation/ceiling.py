@@ -14,7 +14,7 @@ from scipy.special import ndtr, ndtri
 from core.limits.limits import magnitudes_of
 from core.planned_test.planned_test import DatasetRecipe
 from core.simulation.imperfections import channel_array
-from core.simulation.maneuver import COLUMN, Steps
+from core.simulation.maneuver import COLUMN, LATERAL_SURFACES, Steps
 from core.simulation.rollout import roll_out
 from core.types import Array, Indices
 
@@ -108,7 +108,7 @@ class Ceiling:
         theta = np.repeat(plant.nominal[np.newaxis], len(deviates), axis=0)
         theta[:, self._uncertain] += self._deviation * deviates[:, :-1]
         factor = 1.0 + self._maneuver.amplitude_jitter * deviates[:, -1:]
-        pilot = np.zeros((*level.shape, len(COLUMN)))
+        pilot = np.zeros((*level.shape, LATERAL_SURFACES))
         pilot[:, :, self._column] = factor * level
         return roll_out(
             plant.plants(theta),

@@ -21,6 +21,7 @@ from core.seeds import Branch, stream
 from core.simulation.aircraft import AIRCRAFT, IdentifiedAircraft, PublishedAircraft
 from core.simulation.imperfections import USUAL_IMPERFECTIONS
 from core.simulation.maneuver import Altered
+from core.simulation.nonlinear import TrimError
 from core.simulation.published import MODELS
 from core.simulation.python_simulator import OwnCodeError
 from core.simulation.simulator import Flies, Rollouts
@@ -157,8 +158,8 @@ def _flown(
         theta = near_aircraft(simulator.parameters, difference.factor, N_NEAR, rng)
         try:
             return fly_some(simulator, theta, rng)
-        except OwnCodeError:
-            return None  # such as aircraft that its code cannot trim
+        except (OwnCodeError, TrimError):
+            return None  # such as aircraft that cannot be trimmed
     if (recipe := replanned(test)) is None:
         return None
     if difference.others:

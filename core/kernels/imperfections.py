@@ -13,9 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from core.kernels import N_CHANNELS
 from core.kernels.compiled import jit
-from core.types import Array
+from core.types import Array, Flags
 
 ERRORS, MOVES, SOFTNESS = np.int64(0), np.int64(1), np.int64(2)
 LAGS, NOISE = np.int64(1), np.int64(2)
@@ -154,14 +153,15 @@ class InexactInputs(NamedTuple):
 
 @jit
 def fill_commands(seed, planned, before, most, inexact, out, rest, first, last):
-    """Fill rows first..last-1 of `out` (n, before + n_samples, 2) with commands [rad] as flown.
+    """Fill rows first..last-1 of `out` (n, before + n_samples, n_surfaces) with commands [rad] as
+    flown.
 
-    planned: (1 or n, n_samples, 2); trim before it.   rest: (n,) output, samples before the first
-    planned input, from 1 to `most`.
+    planned: (1 or n, n_samples, n_surfaces), 2 or 3; trim before it.   rest: (n,) output, samples
+    before the first planned input, from 1 to `most`.
     Small movements are stationary first-order processes, one per surface.
     """
-    n_flown = out.shape[1]
-    errors, moves = np.empty(4), np.zeros(2 * n_flown)
+    n_flown, n_surfaces = out.shape[1:]
+    errors, moves = np.empty(4), np.zeros(2 * ((n_surfaces * n_flown + 1) // 2))
     gain = np.sqrt(1.0 - inexact.fade * inexact.fade)
     for i in range(first, last):
         row = i if len(planned) > 1 else 0
@@ -169,16 +169,16 @@ def fill_commands(seed, planned, before, most, inexact, out, rest, first, last):
         fill_normals(stream_of(stream, ERRORS), errors)
         if inexact.unsteadiness > 0.0:
             fill_normals(stream_of(stream, MOVES), moves)
-        right = 1.0 + inexact.asymmetry * errors[2]
+        right = 1.0 + inexact.asymmetry * errors[n_surfaces]
         lag = inexact.softness * uniform(stream_of(stream, SOFTNESS), np.int64(0))
         behind = np.exp(-1.0 / lag) if lag > 0.0 else 0.0
         onset = most
-        for s in range(2):
+        for s in range(n_surfaces):
             trim, move = inexact.trim * errors[s], moves[s]
             held = 0.0
             for k in range(n_flown):
                 if k > 0:
-                    move = inexact.fade * move + gain * moves[2 * k + s]
+                    move = inexact.fade * move + gain * moves[n_surfaces * k + s]
                 command = trim + inexact.unsteadiness * move
                 if k >= before:
                     due = planned[row, k - before, s]
@@ -192,8 +192,10 @@ def fill_commands(seed, planned, before, most, inexact, out, rest, first, last):
 
 
 class Instruments(NamedTuple):
-    """Errors of the six channels, (6,) each.
+    """Errors of the channels, (n_channels,) each.
 
+    from_trim: whether a channel counts from trim; else it is absolute, and its gain error is of the
+    change since the first sample.
     gain, bias, noise: 1 sigma; bias and noise in the channel's unit.   lag: largest [steps].
     step: of the recorded value, in the channel's unit; 0: no quantisation.
     """
@@ -203,16 +205,18 @@ class Instruments(NamedTuple):
     noise: Array
     lag: Array
     step: Array
+    from_trim: Flags
 
 
 @jit
-def subtract_trim(y, start, every, rest, first, last):
-    """Subtract from each channel of rollouts first..last-1 its mean over the samples at rest.
+def subtract_trim(y, start, every, rest, from_trim, first, last):
+    """Subtract from channels of rollouts first..last-1 their mean over the samples at rest.
 
-    y: (n, n_steps, 6); one sample every `every` steps from `start`.   rest: (n,) samples.
+    from_trim: (n_channels,) which.
+    y: (n, n_steps, n_channels); one sample every `every` steps from `start`.   rest: (n,) samples.
     """
     for i in range(first, last):
-        for c in range(N_CHANNELS):
+        for c in np.flatnonzero(from_trim):
             trim = 0.0
             for k in range(rest[i]):
                 trim += y[i, start + k * every, c]
@@ -225,33 +229,40 @@ def subtract_trim(y, start, every, rest, first, last):
 def record(seed, y, start, every, rest, instruments, out, first, last):
     """Record rollouts first..last-1 of true outputs `y` into `out`, each with its own errors.
 
-    y, start, every, rest: as in `subtract_trim`.   out: (n, n_samples, 6), from trim.
+    y, start, every, rest: as in `subtract_trim`.   out: (n, n_samples, n_channels), from trim or
+    absolute.
     """
-    n_samples = out.shape[1]
-    noise, errors = np.empty(N_CHANNELS * n_samples), np.empty(2 * N_CHANNELS)
-    whole, before, gain = np.empty(N_CHANNELS, np.int64), np.empty(N_CHANNELS), np.empty(N_CHANNELS)
+    n_samples, n_channels = out.shape[1:]
+    noise = np.empty(2 * ((n_channels * n_samples + 1) // 2))
+    errors, whole = np.empty(2 * n_channels), np.empty(n_channels, np.int64)
+    before, gain = np.empty(n_channels), np.empty(n_channels)
     for i in range(first, last):
         stream = stream_of(seed, i)
         lags = stream_of(stream, LAGS)
         fill_normals(stream_of(stream, ERRORS), errors)
         fill_normals(stream_of(stream, NOISE), noise)
-        for c in range(N_CHANNELS):
+        for c in range(n_channels):
             lag = instruments.lag[c] * uniform(lags, c)
             whole[c], before[c] = int(lag), lag - int(lag)
             gain[c] = 1.0 + instruments.gain[c] * errors[c]
         for k in range(n_samples):
-            for c in range(N_CHANNELS):
+            for c in range(n_channels):
                 at = start + k * every - whole[c]
                 now, earlier = y[i, max(at, 0), c], y[i, max(at - 1, 0), c]
-                value = gain[c] * (now + before[c] * (earlier - now))
-                out[i, k, c] = value + instruments.noise[c] * noise[N_CHANNELS * k + c]
-        for c in range(N_CHANNELS):
+                value = now + before[c] * (earlier - now)
+                if instruments.from_trim[c]:
+                    value *= gain[c]
+                else:
+                    value = y[i, start, c] + gain[c] * (value - y[i, start, c])
+                out[i, k, c] = value + instruments.noise[c] * noise[n_channels * k + c]
+        for c in range(n_channels):
             if instruments.step[c] > 0.0:
-                _quantise(out[i, :, c], instruments.step[c], uniform(lags, N_CHANNELS + c))
+                _quantise(out[i, :, c], instruments.step[c], uniform(lags, n_channels + c))
             trim = 0.0
-            for k in range(rest[i]):
-                trim += out[i, k, c]
-            trim = trim / rest[i] - instruments.bias[c] * errors[N_CHANNELS + c]
+            if instruments.from_trim[c]:
+                for k in range(rest[i]):
+                    trim += out[i, k, c]
+            trim = trim / rest[i] - instruments.bias[c] * errors[n_channels + c]
             for k in range(n_samples):
                 out[i, k, c] -= trim
 

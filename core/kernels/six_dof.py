@@ -22,7 +22,8 @@ N_OUTPUTS = 14
 """Outputs: alpha, q, theta, Nz, beta, p, r, phi, Ny, V, elevator, aileron, rudder, and dynamic
 pressure [Pa]."""
 N_TRIM = 6
-"""Unknowns of trim: alpha, beta, thrust per mass [m/s2], aileron, rudder, elevator."""
+"""Unknowns of trim without sideslip: alpha, bank [rad], thrust per mass [m/s2],
+aileron, rudder, elevator [rad]."""
 ITERATIONS, STEP, RESIDUAL = 15, 1e-6, 1e-9
 
 
@@ -133,37 +134,32 @@ def accelerations(body, k, density, thrust, speed, p, q, r, alpha, beta, da, dr,
 
 
 @jit
-def _begun(point, alpha, beta):
-    """Velocities u, v, w, rates p, q, r and pitch angle of a steady turn.
+def _begun(point, alpha, bank):
+    """Velocities u, w, rates p, q, r and pitch angle of a steady turn without sideslip.
 
     Pitch from the climb angle: Stevens, Lewis and Johnson, equation 3.6-3.
     """
-    u = point.airspeed * math.cos(alpha) * math.cos(beta)
-    v = point.airspeed * math.sin(beta)
-    w = point.airspeed * math.sin(alpha) * math.cos(beta)
-    a = math.cos(alpha) * math.cos(beta)
-    b = math.sin(point.bank) * math.sin(beta)
-    b += math.cos(point.bank) * math.sin(alpha) * math.cos(beta)
+    a, b = math.cos(alpha), math.cos(bank) * math.sin(alpha)
     climb = math.sin(point.climb)
     root = math.sqrt(max(a * a - climb * climb + b * b, 0.0))
     pitch = math.atan2(a * b + climb * root, a * a - climb * climb)
     p = -point.turn * math.sin(pitch)
-    q = point.turn * math.sin(point.bank) * math.cos(pitch)
-    r = point.turn * math.cos(point.bank) * math.cos(pitch)
-    return u, v, w, p, q, r, pitch
+    q = point.turn * math.sin(bank) * math.cos(pitch)
+    r = point.turn * math.cos(bank) * math.cos(pitch)
+    return point.airspeed * a, point.airspeed * math.sin(alpha), p, q, r, pitch
 
 
 @jit
 def _residual(body, k, point, z, out):
     """The six accelerations of a trim z (N_TRIM,), in m/s2 and rad/s2, into `out`."""
-    u, v, w, p, q, r, pitch = _begun(point, z[0], z[1])
+    u, w, p, q, r, pitch = _begun(point, z[0], z[1])
     ax, ay, az, out[3], out[4], out[5] = accelerations(
-        body, k, point.density, z[2], point.airspeed, p, q, r, z[0], z[1], z[3], z[4], z[5]
+        body, k, point.density, z[2], point.airspeed, p, q, r, z[0], 0.0, z[3], z[4], z[5]
     )
     down = point.gravity * math.cos(pitch)
-    out[0] = r * v - q * w - point.gravity * math.sin(pitch) + ax
-    out[1] = p * w - r * u + down * math.sin(point.bank) + ay
-    out[2] = q * u - p * v + down * math.cos(point.bank) + az
+    out[0] = -q * w - point.gravity * math.sin(pitch) + ax
+    out[1] = p * w - r * u + down * math.sin(z[1]) + ay
+    out[2] = q * u + down * math.cos(z[1]) + az
 
 
 @jit
@@ -278,9 +274,9 @@ def _set_out(point, x, alpha, beta, ay, az, density, out):
 def begin(point, z, x):
     """Set x to the trim z."""
     x[:] = 0.0
-    x[0], x[1], x[2], x[3], x[4], x[5], pitch = _begun(point, z[0], z[1])
+    x[0], x[2], x[3], x[4], x[5], pitch = _begun(point, z[0], z[1])
     cp, sp = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
-    cb, sb = math.cos(0.5 * point.bank), math.sin(0.5 * point.bank)
+    cb, sb = math.cos(0.5 * z[1]), math.sin(0.5 * z[1])
     x[6], x[7], x[8], x[9] = cb * cp, sb * cp, cb * sp, -sb * sp
     x[ALTITUDE] = point.altitude
     x[11], x[12], x[13] = z[3], z[4], z[5]
@@ -354,11 +350,11 @@ def roll_out(body, theta, point, trims, loop, pilot, times, gust, out, first, la
                     alpha, beta, ay, _, _ = motion(
                         body, k, point, z[2], stage, alpha_gust, beta_gust, change
                     )
-                    read[0], read[1], read[2] = beta - z[1], stage[3] - p0, stage[5] - r0
+                    read[0], read[1], read[2] = beta, stage[3] - p0, stage[5] - r0
                     read[3] = (ay - side) / point.gravity
                     read[4], read[5] = stage[11] - z[3], stage[12] - z[4]
                     if feeds_back_bank:
-                        read[6] = bank_of(stage) - point.bank
+                        read[6] = bank_of(stage) - z[1]
                     _follow(loop, stage, read, z, stage[4] - q0, alpha, commands, left, change)
                     weight = 2.0 if step == 1 or step == 2 else 1.0
                     ahead = 0.5 * h if step < 2 else h

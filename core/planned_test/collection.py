@@ -13,8 +13,10 @@ import numpy as np
 from core.card import Card, CardError
 from core.channels import KEYS
 from core.dataset import Dataset
+from core.limits.limits import Specification
 from core.monitor.group import Pooled
 from core.planned_test.amplitude import suggest_amplitude
+from core.planned_test.nonlinear_test import NonlinearTest
 from core.planned_test.own import OwnTest
 from core.planned_test.planned_test import (
     LARGEST_CHUNK,
@@ -23,13 +25,13 @@ from core.planned_test.planned_test import (
 )
 from core.seeds import Branch, stream
 from core.simulation.imperfections import channel_array
-from core.simulation.maneuver import COLUMN, Steps
+from core.simulation.maneuver import COLUMN, LATERAL_SURFACES, Steps
 from core.simulation.rollout import roll_out
 from core.simulation.simulator import Rollouts, Simulator, Stopped, Stops
 from core.types import Indices
 
 Progress = Callable[[int, int], object]
-SimulatedTest = DatasetRecipe | OwnTest
+SimulatedTest = DatasetRecipe | NonlinearTest | OwnTest
 
 FIRST_CHUNK = 256
 MOST_UNSAFE = 20_000
@@ -50,6 +52,11 @@ def replanned(test: SimulatedTest) -> DatasetRecipe | None:
     """The recipe from which a test can be planned otherwise; None if its simulator cannot."""
     simulator = test.simulator()
     return simulator.recipe if isinstance(simulator, Replans) else None
+
+
+def limits_of(test: SimulatedTest) -> Specification:
+    """What judges the flights of a test."""
+    return test.judged_by if isinstance(test, NonlinearTest) else test.specification
 
 
 def collect(
@@ -175,7 +182,7 @@ def card_of(test: SimulatedTest, n_plants: int = CARD_PLANTS) -> Card:
     n_lags = maneuver.n_samples(recipe.dt) - round(times[0] / recipe.dt)
     factor = 1.0 + maneuver.amplitude_jitter * rng.standard_normal(n_plants)
     factor *= maneuver.steps_flown(n_plants, rng)
-    command = np.zeros((n_plants, n_lags, len(COLUMN)))
+    command = np.zeros((n_plants, n_lags, LATERAL_SURFACES))
     command[..., COLUMN[maneuver.surface]] = (np.deg2rad(steps[0]) * factor)[:, None]
     responses = roll_out(
         simulator.plant.plants(simulator.plant.sample(n_plants, rng)),
@@ -258,7 +265,7 @@ class _Failures:
         if self._met is None:
             return n_met, ""
         y, fail_index, _ = self._met.some(slice(n_met))
-        grouping = self._recipe.groups.fit(y, fail_index, self._recipe.specification)
+        grouping = self._recipe.groups.fit(y, fail_index, limits_of(self._recipe))
         if grouping is None:
             return 0, "a second group"
         rule, group = grouping
@@ -342,7 +349,7 @@ def _dataset(
         n_safe_met=n_safe_met,
         seed=recipe.seed,
         recipe=recipe.to_plain(),
-        specification=recipe.specification,
+        specification=limits_of(recipe),
         dictionary=simulator.dictionary,
     )
 

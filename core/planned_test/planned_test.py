@@ -1,17 +1,16 @@
 """The planned test: a manoeuvre on an uncertain aircraft, its limits, its simulation."""
 
-from collections.abc import Callable
-from copy import deepcopy
 from dataclasses import dataclass, replace
 from math import radians
-from typing import Annotated, Any, ClassVar, NamedTuple, Protocol, runtime_checkable
+from typing import Annotated, Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
 from core.bounds import Bounds, check_bounds
 from core.channels import KEYS, LATERAL, Dictionary
-from core.limits.limits import Limits
+from core.limits.limits import Envelope, Limits
 from core.monitor.group import GROUPINGS, Grouping
+from core.planned_test.maneuver_simulator import Drawn, ManeuverSimulator
 from core.recipe import to_plain
 from core.simulation.aircraft import AIRCRAFT, Aircraft
 from core.simulation.control_law import CONTROL_LAWS, ControlLaw, check_usable
@@ -19,13 +18,11 @@ from core.simulation.imperfections import (
     USUAL_IMPERFECTIONS,
     ByChannel,
     Imperfections,
-    channel_array,
-    from_trim,
 )
-from core.simulation.maneuver import MANEUVERS, Maneuver
+from core.simulation.maneuver import LATERAL_SURFACES, MANEUVERS, Maneuver
 from core.simulation.rollout import roll_out, sideslip_state
-from core.simulation.simulator import Parameters, Rollouts, Stopped
-from core.types import Array, Indices
+from core.simulation.simulator import Parameters
+from core.types import Array
 
 DEFAULT_AIRCRAFT = AIRCRAFT["f16_sl_h0_v502"]
 USUAL = DEFAULT_AIRCRAFT.condition.usual_test
@@ -44,10 +41,11 @@ class SensorNoise(ByChannel):
     """
 
     called: ClassVar[str] = "noise"
+    keys: ClassVar[tuple[str, ...]] = KEYS
 
     def add_to(self, y: Array, rng: np.random.Generator) -> None:
-        """Add noise to y (n, n_samples, 6) in place, channel by channel."""
-        for c, key in enumerate(KEYS):
+        """Add noise to y (n, n_samples, n_channels) in place, channel by channel."""
+        for c, key in enumerate(self.keys[: y.shape[2]]):
             if deviation := getattr(self, key):
                 y[..., c] += deviation * rng.standard_normal(y.shape[:2])
 
@@ -106,6 +104,11 @@ class DatasetRecipe:
     """How more, or fewer, flights of the test fail."""
 
     def __post_init__(self) -> None:
+        if self.maneuver.n_surfaces > LATERAL_SURFACES:
+            raise ValueError(
+                "the manoeuvre moves the elevator, which a linear lateral aircraft does not have: "
+                "choose another manoeuvre, or a nonlinear aircraft"
+            )
         if not 0 < self.dt < self.maneuver.duration_s:
             raise ValueError(
                 f"dt={self.dt} s was given: it must be positive and shorter than the manoeuvre's "
@@ -170,11 +173,7 @@ class DatasetRecipe:
         return replace(flown, imperfections=soft)
 
 
-Look = Callable[[Array, Array], object]
-"""Called with the true outputs from trim (n, n_samples, 6), and with that trim (n, 6)."""
-
-
-class LateralSimulator:
+class LateralSimulator(ManeuverSimulator):
     """The linear lateral plant: it can fly, stop, and be planned otherwise, from its recipe."""
 
     dictionary: Dictionary = LATERAL
@@ -196,139 +195,24 @@ class LateralSimulator:
             sideslip_state(self.plant.nominal_plant())
 
     @property
-    def dt(self) -> float:
-        return self.recipe.dt
+    def test(self) -> DatasetRecipe:
+        return self.recipe
+
+    @property
+    def limits(self) -> Envelope:
+        return self.recipe.specification.envelope
 
     @property
     def parameters(self) -> Parameters:
         return self.plant.parameters
 
-    def rollouts(self, n: int, rng: np.random.Generator) -> Rollouts:
-        """Roll out n aircraft drawn from D_theta."""
-        return self._rolled_out(self._drawn(n, rng), rng, lambda y, trim: None)
-
-    def fly(
-        self, theta: Array, rng: np.random.Generator, scale: Array | None = None
-    ) -> tuple[Rollouts, Array]:
-        """Fly these aircraft, theta (n, n_parameters), each with its own pilot.
-
-        scale: (n,) factors on their commands.
-        Returns the rollouts, and (n,) the largest part of a limit reached by the true outputs,
-        infinite for a diverged flight.
-        """
-        pilot = self.recipe.maneuver.pilot(self.recipe.dt, len(theta), rng)
-        if scale is not None:
-            pilot = scale[:, np.newaxis, np.newaxis] * pilot
-        peaks: list[Array] = []
-
-        def look(y: Array, trim: Array) -> None:
-            parts = np.abs(y) / self.recipe.specification.magnitudes
-            peaks.append(np.nan_to_num(parts, nan=np.inf, posinf=np.inf).max(axis=(1, 2)))
-
-        rollouts = self._rolled_out(self._flown(theta, pilot, rng), rng, look)
-        return rollouts, peaks[0]
-
-    def _rolled_out(self, drawn: "_Drawn", rng: np.random.Generator, look: Look) -> Rollouts:
-        """Roll out flights as measured. look: as in `recorded`; trim is 0 without
-        imperfections."""
-        if not self.recipe.imperfections.are_none:
-            return self._recorded(drawn, rng, look)
-        y = self._outputs(drawn)
-        first = self._first_exceedance(y, drawn)
-        y = np.ascontiguousarray(y[:, :: self.recipe.substeps])
-        look(y, np.zeros_like(y[:, 0]))
-        self.recipe.noise.add_to(y, rng)
-        return Rollouts(y, first, drawn.theta)
-
-    def recorded(self, n: int, rng: np.random.Generator, look: Look) -> Rollouts:
-        """Roll out n aircraft as flown and recorded, with any imperfections.
-
-        look: called with the true outputs from trim (n, n_samples, 6) and that trim (n, 6); gust
-        and inexact inputs shift it from 0.
-        """
-        return self._recorded(self._drawn(n, rng), rng, look)
-
-    def _recorded(self, drawn: "_Drawn", rng: np.random.Generator, look: Look) -> Rollouts:
-        recipe, imperfections = self.recipe, self.recipe.imperfections
-        every, step = recipe.substeps, recipe.dt / recipe.substeps
-        start = imperfections.run_up(recipe.dt) * every
-        y = self._outputs(drawn)
-        trim = y[:, start].copy()
-        first = self._first_exceedance(y, drawn)
-        trim -= y[:, start]
-        look(y[:, start::every], trim)
-        noise = channel_array(recipe.noise)
-        out = imperfections.record(y, start, every, drawn.rest, noise, step, rng)
-        return Rollouts(out, first, drawn.theta)
-
-    def stopping(self, n: int, rng: np.random.Generator, theta: Array | None = None) -> Stopped:
-        """Draw n flights from rng as `rollouts` does, to fly some again with the manoeuvre stopped.
-
-        theta: (n, n_parameters) of given aircraft; their flights are then drawn as in `fly`.
-        Neutral controls are reached with the manoeuvre's pedal lag.
-        """
-        if theta is None:
-            theta, pilot = self._planned(n, rng)
-        else:
-            pilot = self.recipe.maneuver.pilot(self.recipe.dt, n, rng)
-        pilot, rng_before = np.broadcast_to(pilot, (n, *pilot.shape[1:])), deepcopy(rng)
-        drawn = self._flown(theta, pilot, rng)
-
-        def stopped(which: Indices, neutral_from: Indices) -> Indices:
-            if not len(which):
-                return which
-            commands = pilot[which]
-            is_neutral = np.arange(pilot.shape[1]) >= neutral_from[:, np.newaxis]
-            commands[is_neutral] = 0.0
-            repeated = drawn.some(which)._replace(commands=commands)
-            if not self.recipe.imperfections.are_none:
-                all_commands = pilot.copy()
-                all_commands[which] = commands
-                all_commands, _ = self._inexact(all_commands, n, deepcopy(rng_before))
-                repeated = repeated._replace(commands=all_commands[which])
-            return self._first_exceedance(self._outputs(repeated), repeated)
-
-        return stopped
-
-    def commands(self, n: int, rng: np.random.Generator) -> Array:
-        """Commands (n, n_samples, 2) [rad] of the n flights that `rollouts` draws from rng.
-
-        Before imperfections.
-        """
-        _, pilot = self._planned(n, rng)
-        return np.broadcast_to(pilot, (n, *pilot.shape[1:]))
-
-    def _drawn(self, n: int, rng: np.random.Generator) -> "_Drawn":
-        """The random part of n flights."""
-        return self._flown(*self._planned(n, rng), rng)
-
-    def _planned(self, n: int, rng: np.random.Generator) -> tuple[Array, Array]:
-        """Theta (n, n_parameters), and the pilot's commands (1 or n, n_samples, 2)."""
-        recipe = self.recipe
+    def sample(self, n: int, rng: np.random.Generator) -> Array:
         theta = self.plant.sample(n, rng)
         if self.spread != 1.0:
             theta = self.plant.nominal + self.spread * (theta - self.plant.nominal)
-        return theta, recipe.maneuver.pilot(recipe.dt, n, rng)
+        return theta
 
-    def _flown(self, theta: Array, pilot: Array, rng: np.random.Generator) -> "_Drawn":
-        """Add imperfections to these flights."""
-        recipe, n = self.recipe, len(theta)
-        if recipe.imperfections.are_none:
-            return _Drawn(theta, pilot, np.zeros(n, np.int64), None)
-        commands, rest = self._inexact(pilot, n, rng)
-        n_steps, step = (commands.shape[1] - 1) * recipe.substeps + 1, recipe.dt / recipe.substeps
-        return _Drawn(
-            theta, commands, rest, recipe.imperfections.gusts(self.gust, n, n_steps, step, rng)
-        )
-
-    def _inexact(self, pilot: Array, n: int, rng: np.random.Generator) -> tuple[Array, Indices]:
-        """Commands as n pilots fly them, with a run-up before; and samples at rest."""
-        recipe = self.recipe
-        lead_in = round(recipe.maneuver.lead_in_s / recipe.dt)
-        return recipe.imperfections.fly(pilot, n, recipe.dt, lead_in, rng)
-
-    def _outputs(self, drawn: "_Drawn") -> Array:
-        """True outputs (n, n_steps, 6), including the run-up."""
+    def outputs(self, drawn: Drawn) -> Array:
         recipe = self.recipe
         return roll_out(
             self.plant.plants(drawn.theta),
@@ -338,31 +222,8 @@ class LateralSimulator:
             recipe.dt,
             pedal_lag_s=recipe.maneuver.pedal_lag_s,
             substeps=recipe.substeps,
-            gust=drawn.gust,
+            gust=drawn.gusts[0] if drawn.gusts else None,
         )
-
-    def _first_exceedance(self, y: Array, drawn: "_Drawn") -> Indices:
-        """(n,) first sample that exceeds a limit, n_samples for none. Subtracts trim from y."""
-        recipe, every = self.recipe, self.recipe.substeps
-        if not recipe.imperfections.are_none:
-            y = from_trim(y, recipe.imperfections.run_up(recipe.dt) * every, every, drawn.rest)
-        first = -(-recipe.specification.first_exceedance(y) // every)
-        return np.minimum(first, recipe.maneuver.n_samples(recipe.dt))
-
-
-class _Drawn(NamedTuple):
-    """The random part of flights: theta (n, n_parameters), commands (1 or n, n_samples, 2) with the
-    run-up, samples at rest (n,), gust (n, n_steps) or None."""
-
-    theta: Array
-    commands: Array
-    rest: Indices
-    gust: Array | None
-
-    def some(self, which: Indices) -> "_Drawn":
-        commands = self.commands if len(self.commands) == 1 else self.commands[which]
-        gust = None if self.gust is None else self.gust[which]
-        return _Drawn(self.theta[which], commands, self.rest[which], gust)
 
 
 @runtime_checkable

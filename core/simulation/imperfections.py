@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from core.bounds import NOT_NEGATIVE, check_bounds
-from core.channels import KEYS
+from core.channels import KEYS, LATERAL, Dictionary
 from core.kernels.compiled import in_chunks
 from core.kernels.imperfections import (
     InexactInputs,
@@ -23,7 +23,7 @@ from core.simulation.turbulence import (
     scale_length,
     sideslip_gusts,
 )
-from core.types import Array, Indices
+from core.types import Array, Flags, Indices
 
 RUN_UP_S = 3.0
 """[s] Gust and trim error act this long before a rollout's first sample, so that the aircraft
@@ -34,9 +34,9 @@ CHUNK = 128
 """Rollouts that a thread records at a time."""
 
 
-def channel_array(by_channel: object) -> Array:
-    """(6,) numbers of an object with one attribute for each channel key."""
-    return np.array([getattr(by_channel, key) for key in KEYS], dtype=np.float64)
+def channel_array(by_channel: object, keys: tuple[str, ...] = KEYS) -> Array:
+    """Numbers of an object with an attribute for each channel key; 0 for those it does not have."""
+    return np.array([getattr(by_channel, key, 0.0) for key in keys], dtype=np.float64)
 
 
 NotNegative = Annotated[float, NOT_NEGATIVE]
@@ -160,13 +160,14 @@ class Imperfections:
     def fly(
         self, planned: Array, n: int, dt: float, most: int, rng: np.random.Generator
     ) -> tuple[Array, Indices]:
-        """Planned commands (1 or n, n_samples, 2) [rad] as n pilots fly them.
+        """Planned commands (1 or n, n_samples, n_surfaces) [rad] as n pilots fly them.
 
         Returns the commands, with the run-up before them, and (n,) the samples at rest before the
         first planned input, from 1 to `most`; trim is their mean.
         """
         before = self.run_up(dt)
-        out, rest = np.empty((n, before + planned.shape[1], 2)), np.empty(n, np.int64)
+        out = np.empty((n, before + planned.shape[1], planned.shape[2]))
+        rest = np.empty(n, np.int64)
         seed, most = _seed(rng), max(most, 1)
         inexact = InexactInputs(
             self.asymmetry,
@@ -201,19 +202,24 @@ class Imperfections:
         noise: Array,
         step: float,
         rng: np.random.Generator,
+        dictionary: Dictionary = LATERAL,
     ) -> Array:
-        """Record true outputs (n, n_samples, 6), each rollout with its own errors.
+        """Record true outputs (n, n_samples, n_channels), each rollout with its own errors.
 
-        y: (n, n_steps, 6), one row each `step` s; every `every`-th from `start` on is recorded.
-        rest: of `fly`.   noise: (6,) 1 sigma.
+        y: (n, n_steps, n_channels), one row each `step` s; every `every`-th from `start` on is
+        recorded.   rest: of `fly`.   noise: (n_channels,) 1 sigma.
+        dictionary: its measured channels are those of y; absolute ones keep their trim.
         """
-        seed, out = _seed(rng), np.empty((len(y), (y.shape[1] - start - 1) // every + 1, len(KEYS)))
+        keys, n_channels = dictionary.measured, y.shape[2]
+        seed = _seed(rng)
+        out = np.empty((len(y), (y.shape[1] - start - 1) // every + 1, n_channels))
         instruments = Instruments(
-            gain=np.full(len(KEYS), self.gain),
+            gain=np.full(n_channels, self.gain),
             bias=self.bias * noise,
             noise=noise,
-            lag=np.full(len(KEYS), self.lag_s / step),
-            step=channel_array(self.quantisation),
+            lag=np.full(n_channels, self.lag_s / step),
+            step=channel_array(self.quantisation, keys),
+            from_trim=counts_from_trim(dictionary),
         )
         in_chunks(
             len(y),
@@ -223,9 +229,25 @@ class Imperfections:
         return out
 
 
-def from_trim(y: Array, start: int, every: int, rest: Indices) -> Array:
-    """Subtract trim, the mean of each channel at rest, in place; arguments as in `record`."""
-    in_chunks(len(y), CHUNK, lambda first, last: subtract_trim(y, start, every, rest, first, last))
+def counts_from_trim(dictionary: Dictionary) -> Flags:
+    """(n_measured,) whether a measured channel counts from trim; else it is absolute."""
+    by_key = dictionary.by_key
+    return np.array([by_key[key].reference == "trim" for key in dictionary.measured])
+
+
+def from_trim(
+    y: Array, start: int, every: int, rest: Indices, dictionary: Dictionary = LATERAL
+) -> Array:
+    """Subtract trim, the mean at rest, from the channels that count from it, in place.
+
+    Arguments as in `record`.
+    """
+    which = counts_from_trim(dictionary)
+    in_chunks(
+        len(y),
+        CHUNK,
+        lambda first, last: subtract_trim(y, start, every, rest, which, first, last),
+    )
     return y[:, start:]
 
 

@@ -15,12 +15,13 @@ from core.bounds import check_bounds
 from core.recipe import family
 from core.types import Array
 
-Surface = Literal["aileron", "rudder"]
+Surface = Literal["aileron", "rudder", "elevator"]
 Spacing = Literal["log", "linear"]
 Interpolation = Literal["hold", "linear"]
 
-COLUMN: dict[Surface, int] = {"aileron": 0, "rudder": 1}
-"""Column of a surface's command in (delta_a, delta_r)."""
+COLUMN: dict[Surface, int] = {"aileron": 0, "rudder": 1, "elevator": 2}
+"""Column of a surface's command in (delta_a, delta_r, delta_e)."""
+LATERAL_SURFACES, ALL_SURFACES = 2, 3
 TIME_GUARD = 1e-9
 """[s] An input due at t_k starts at sample k, despite rounding of t_k."""
 
@@ -81,13 +82,19 @@ class Maneuver(ABC):
     def peak_deg(self) -> float:
         """Amplitude, or the largest command of a table, with its sign [deg]."""
 
+    @property
+    def n_surfaces(self) -> int:
+        """Columns of commands: aileron and rudder, and the elevator if it moves."""
+        return LATERAL_SURFACES
+
     @abstractmethod
     def with_peak(self, peak_deg: float) -> Self:
         """The same manoeuvre with this peak [deg]; all commands scale with it."""
 
     @abstractmethod
     def commands(self, elapsed: Array, segments: Array) -> Array:
-        """Commands [deg] (n, n_samples, 2) in a fresh array; trim where elapsed is negative.
+        """Commands [deg] (n, n_samples, n_surfaces) in a fresh array; trim where elapsed is
+        negative.
 
         elapsed: (n, n_samples) time since the first input began [s].
         segments: (n, n_segments) durations flown [s].
@@ -106,7 +113,7 @@ class Maneuver(ABC):
         return round(steps) + 1
 
     def pilot(self, dt: float, n: int, rng: np.random.Generator) -> Array:
-        """Commands (delta_a, delta_r) [rad], (n, n_samples, 2); a batch of one without jitter.
+        """Commands [rad], (n, n_samples, n_surfaces); a batch of one without jitter.
 
         The scatter of a rollout depends on rng and n only; without jitter rng is not used.
         """
@@ -142,6 +149,10 @@ class OneSurface(Maneuver, ABC):
     def peak_deg(self) -> float:
         return self.amplitude_deg
 
+    @property
+    def n_surfaces(self) -> int:
+        return ALL_SURFACES if self.surface == "elevator" else LATERAL_SURFACES
+
     def with_peak(self, peak_deg: float) -> Self:
         return replace(self, amplitude_deg=peak_deg)
 
@@ -150,7 +161,7 @@ class OneSurface(Maneuver, ABC):
         """The command (n, n_samples), in amplitudes; arguments as in `commands`."""
 
     def commands(self, elapsed: Array, segments: Array) -> Array:
-        command = np.zeros((*elapsed.shape, len(COLUMN)))
+        command = np.zeros((*elapsed.shape, self.n_surfaces))
         column = command[..., COLUMN[self.surface]]
         np.multiply(self.shape(elapsed, segments), self.amplitude_deg, out=column)
         return command
@@ -389,6 +400,10 @@ class Altered(Maneuver):
     def peak_deg(self) -> float:
         return self.planned.peak_deg
 
+    @property
+    def n_surfaces(self) -> int:
+        return self.planned.n_surfaces
+
     def with_peak(self, peak_deg: float) -> Self:
         return replace(self, planned=self.planned.with_peak(peak_deg))
 
@@ -400,6 +415,123 @@ class Altered(Maneuver):
             length = min(sum(self.segments_s), self.duration_s - self.lead_in_s)
             commands[planned >= self.flown_share * length - TIME_GUARD] = 0.0
         return commands
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ramps(Maneuver, ABC):
+    """A manoeuvre flown with several controls, each moved at a constant rate from level to level.
+
+    Its amplitude is that of one control; the others scale with it.
+    """
+
+    amplitude_deg: float = -5.0
+    """amplitude of the command: either sign; negative elevator raises the nose [deg]."""
+
+    @property
+    @abstractmethod
+    def levels_s(self) -> tuple[tuple[float, float, float, float], ...]:
+        """Duration of each segment [s], and aileron, rudder and elevator at its end, in
+        amplitudes."""
+
+    @property
+    def segments_s(self) -> tuple[float, ...]:
+        return tuple(duration for duration, *_ in self.levels_s)
+
+    @property
+    def peak_deg(self) -> float:
+        return self.amplitude_deg
+
+    @property
+    def n_surfaces(self) -> int:
+        pulls = any(elevator for *_, elevator in self.levels_s)
+        return ALL_SURFACES if pulls else LATERAL_SURFACES
+
+    def with_peak(self, peak_deg: float) -> Self:
+        return replace(self, amplitude_deg=peak_deg)
+
+    def commands(self, elapsed: Array, segments: Array) -> Array:
+        rows = len(np.broadcast_arrays(elapsed[:, :1], segments[:, :1])[0])
+        command = np.zeros((rows, elapsed.shape[1], self.n_surfaces))
+        begun, before = np.zeros((len(segments), 1)), np.zeros(ALL_SURFACES)
+        for s, (_, *level) in enumerate(self.levels_s):
+            lasts = np.maximum(segments[:, s : s + 1], 1e-3 * TIME_GUARD)
+            share = np.clip((elapsed - begun + TIME_GUARD) / lasts, 0.0, 1.0)
+            step = self.amplitude_deg * (np.array(level) - before)
+            for c in np.flatnonzero(step):
+                command[..., c] += step[c] * share
+            begun, before = begun + segments[:, s : s + 1], np.array(level)
+        return command
+
+
+@dataclass(frozen=True, kw_only=True)
+class WindUpTurn(Ramps):
+    """From a trimmed turn, pull steadily to the elevator's amplitude, and hold it.
+
+    The turn's load factor is that of the flight condition; the pull tightens it.
+    """
+
+    duration_s: float = 10.0
+    """length of the rollout; longer inputs are cut."""
+    pull_s: float = 8.0
+    """length of the pull [s]."""
+
+    @property
+    def levels_s(self) -> tuple[tuple[float, float, float, float], ...]:
+        return ((self.pull_s, 0.0, 0.0, 1.0),)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PushOverPullUp(Ramps):
+    """Push over, then pull up equally far, then back to trim. Positive amplitude pushes first."""
+
+    amplitude_deg: float = 3.0
+    """amplitude of the elevator: positive to push first [deg]."""
+    ramp_s: float = 0.5
+    """length of each change from trim: from push to pull takes twice as long [s]."""
+    hold_s: float = 1.0
+    """length of push and of pull [s]."""
+
+    @property
+    def levels_s(self) -> tuple[tuple[float, float, float, float], ...]:
+        ramp, hold = self.ramp_s, self.hold_s
+        up, down = (0.0, 0.0, -1.0), (0.0, 0.0, 1.0)
+        return (ramp, *down), (hold, *down), (2 * ramp, *up), (hold, *up), (ramp, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RollingPullOut(Ramps):
+    """Pull, then roll while pulling, then stop the roll; the pull lasts to the end."""
+
+    pull_s: float = 1.0
+    """length of the pull's onset [s]."""
+    aileron: float = 1.0
+    """share of aileron: a multiple of the elevator's amplitude."""
+    roll_s: float = 1.0
+    """length of the roll [s]."""
+
+    @property
+    def levels_s(self) -> tuple[tuple[float, float, float, float], ...]:
+        pulled, rolling = (0.0, 0.0, 1.0), (self.aileron, 0.0, 1.0)
+        return (self.pull_s, *pulled), (0.0, *rolling), (self.roll_s, *rolling), (0.0, *pulled)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SteadyHeadingSideslip(Ramps):
+    """Pedal in steadily, with aileron against the roll; hold; then back to trim."""
+
+    amplitude_deg: float = 8.0
+    """amplitude of the rudder: either sign [deg]."""
+    ramp_s: float = 2.0
+    """length of the onset, and of the return [s]."""
+    hold_s: float = 1.0
+    """length of the steady sideslip [s]."""
+    aileron: float = 0.0
+    """share of aileron: a multiple of the rudder's amplitude, that which holds the bank."""
+
+    @property
+    def levels_s(self) -> tuple[tuple[float, float, float, float], ...]:
+        slip = (self.aileron, 1.0, 0.0)
+        return (self.ramp_s, *slip), (self.hold_s, *slip), (self.ramp_s, 0.0, 0.0, 0.0)
 
 
 MANEUVERS = family(
@@ -414,5 +546,16 @@ MANEUVERS = family(
         "bank_to_bank": BankToBank(),
         "frequency_sweep": FrequencySweep(),
         "table": Table(),
+        "pitch_doublet": Doublet(surface="elevator", amplitude_deg=-3.0),
+        "wind_up_turn": WindUpTurn(),
+        "push_over_pull_up": PushOverPullUp(),
+        "rolling_pull_out": RollingPullOut(),
+        "steady_heading_sideslip": SteadyHeadingSideslip(),
     },
 )
+LATERAL_MANEUVERS = {
+    name: maneuver
+    for name, maneuver in MANEUVERS.items()
+    if maneuver.n_surfaces == LATERAL_SURFACES
+}
+"""Those that do not move the elevator."""

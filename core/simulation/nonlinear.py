@@ -41,6 +41,9 @@ FIRST_GUESS = 0.05
 """Angle of attack from which trim is sought [rad]."""
 LATERAL_STATES = ("beta", "p", "r", "phi")
 SMALL = 1e-6
+ALTITUDES = Bounds(least=0, below=HIGHEST, words="give 0 to 20,000 m")
+MACHS = Bounds(above=0, below=1, words="the models hold below the speed of sound: give 0 to 1")
+PATHS = Bounds(least=-30, below=30, words="give -30 to 30 deg")
 """Step of the finite differences of the linear model."""
 
 
@@ -50,18 +53,19 @@ class TrimError(ValueError):
 
 @dataclass(frozen=True)
 class FlightCondition:
-    """Trimmed flight in the standard atmosphere: straight, or a turn without sideslip force.
+    """Trimmed flight in the standard atmosphere: straight, or a turn without sideslip.
 
-    The bank angle of a turn follows from its load factor: cos(bank) = cos(path) / load factor.
+    The rate of a turn follows from its load factor: tan(bank) g / (V cos(path)), with
+    cos(bank) = cos(path) / load factor; bank itself is that which holds the turn.
     """
 
-    altitude_m: Annotated[float, Bounds(least=0, below=HIGHEST)] = 4572.0
+    altitude_m: Annotated[float, ALTITUDES] = 4572.0
     """altitude: pressure altitude; 4572 m are 15,000 ft [m]."""
-    mach: Annotated[float, Bounds(above=0, below=1)] = 0.6
+    mach: Annotated[float, MACHS] = 0.6
     """Mach number: sets the airspeed; the aerodynamics have no effects of Mach."""
     load_factor: Annotated[float, Bounds(least=1)] = 1.0
     """load factor: 1 for straight flight, more for a steady turn to the right [g]."""
-    path_deg: Annotated[float, Bounds(least=-30, below=30)] = 0.0
+    path_deg: Annotated[float, PATHS] = 0.0
     """flight path angle: climb is positive [deg]."""
 
     def __post_init__(self) -> None:
@@ -89,7 +93,7 @@ class FlightCondition:
 def trimmed(
     aircraft: NonlinearAircraft, point: FlightPoint, theta: Array, position: float = inf
 ) -> Array:
-    """Trim of theta (n, n_parameters): (n, 6) alpha, beta [rad], thrust per mass [m/s2], aileron,
+    """Trim of theta (n, n_parameters): (n, 6) alpha, bank [rad], thrust per mass [m/s2], aileron,
     rudder and elevator [rad].
 
     position: limit of the surfaces [rad].
@@ -97,7 +101,7 @@ def trimmed(
     """
     body = aircraft.body
     begun = np.zeros((1, N_TRIM))
-    begun[0, 0] = FIRST_GUESS
+    begun[0, :2] = FIRST_GUESS, point.bank
     nominal = np.ascontiguousarray(aircraft.nominal[np.newaxis])
     lost = trim(body, nominal, point, begun, 0, 1) >= 0
     if lost or _beyond(begun, body.model, position).any():
@@ -121,10 +125,10 @@ def trimmed(
 
 
 def _beyond(trims: Array, model: int, position: float) -> Flags:
-    """(n,) whether angles are beyond the model's ranges, or surfaces beyond their limit [rad]."""
-    low, high, side = RANGES[model]
-    alpha, beta, surfaces = trims[:, 0], trims[:, 1], np.abs(trims[:, 3:]).max(axis=1)
-    return (alpha < low) | (alpha > high) | (np.abs(beta) > side) | (surfaces > position)
+    """(n,) whether alpha is beyond the model's range, or surfaces beyond their limit [rad]."""
+    low, high, _ = RANGES[model]
+    alpha, surfaces = trims[:, 0], np.abs(trims[:, 3:]).max(axis=1)
+    return (alpha < low) | (alpha > high) | (surfaces > position)
 
 
 def _where(point: FlightPoint) -> str:

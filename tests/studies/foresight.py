@@ -151,16 +151,16 @@ class Foresight:
         """(m, N_FORKS) first exceedance of each fork, n_samples without one."""
         m, n_forks, _ = inputs.shape
         forked = np.repeat(which, n_forks)
-        moves, gust = self._moves[forked], self._flown.some(forked).gust
+        moves, gusts = self._moves[forked], self._flown.some(forked).gusts
         if not self._is_known:
-            moves[:], gust = 0.0, None if gust is None else np.zeros_like(gust)
+            moves[:], gusts = 0.0, tuple(map(np.zeros_like, gusts))
         moves[:, self._run_up :, self._column] += inputs.reshape(m * n_forks, -1)
         candidates = self._candidates[which]
         theta = candidates[:, np.arange(n_forks) % candidates.shape[1]]
         forks = self._flown.some(forked)._replace(
-            theta=theta.reshape(m * n_forks, -1), commands=moves, gust=gust
+            theta=theta.reshape(m * n_forks, -1), commands=moves, gusts=gusts
         )
-        ends = self._simulator._first_exceedance(self._simulator._outputs(forks), forks)
+        ends = self._simulator._first_exceedance(self._simulator.outputs(forks), forks)
         return ends.reshape(m, n_forks)
 
 

@@ -4,6 +4,7 @@ import argparse
 import csv
 import json
 import sys
+from collections.abc import Sequence
 from dataclasses import fields
 from math import ceil, inf
 from pathlib import Path
@@ -24,6 +25,7 @@ from app.recipes.recipes import (
     RecipeError,
     as_ordered,
     dataset_recipe,
+    default_test,
     limits_named,
     matrices_renamed,
     monitor_as_ordered,
@@ -31,16 +33,19 @@ from app.recipes.recipes import (
     set_path,
     to_plain,
 )
-from app.telemetry.limit_texts import VALUE
+from app.telemetry.limit_texts import VALUE, extended
 from core.channels import BY_KEY, KEYS
 from core.evaluation.study import StudyRecipe
+from core.limits.flight_limits import ALL_CHANNELS, FlightLimits
 from core.monitor import MonitorRecipe
+from core.planned_test.nonlinear_test import NonlinearTest
 from core.planned_test.planned_test import DatasetRecipe
 from core.recipe import family_of, instead_of
 from core.simulation.aircraft import AIRCRAFT, MatrixAircraft
 from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.imperfections import Imperfections
 from core.simulation.maneuver import MANEUVERS
+from core.simulation.nonlinear_aircraft import NONLINEAR_AIRCRAFT
 
 MOST_DELAY = 10
 """Most past outputs in an observation, however short the interval."""
@@ -106,8 +111,8 @@ def add_recipe_options(
     option(
         group,
         "--aircraft NAME|FILE",
-        f"{', '.join(AIRCRAFT)}, or a JSON file of matrices; also sets the aircraft's control "
-        "law, doublet and limit",
+        f"{', '.join((*AIRCRAFT, *NONLINEAR_AIRCRAFT))}, or a JSON file of matrices; also sets "
+        "the aircraft's control law, doublet and limit",
     )
     option(group, "--control-law NAME", ", ".join(CONTROL_LAWS))
     group.add_argument(
@@ -168,6 +173,8 @@ def plain_recipe(options: argparse.Namespace) -> dict[str, Any]:
     if not isinstance(plain, dict):
         raise RecipeError(f"{options.recipe} is not a JSON object: begin it with {{")
     unsaid: Imperfect = options.usual_imperfections
+    if options.aircraft in NONLINEAR_AIRCRAFT:
+        set_path(plain, "dataset.aircraft.kind", options.aircraft)
     plain["dataset"] = as_ordered(plain.get("dataset", {}), unsaid, options.imperfections)
     for path, value in vars(options).items():
         if "." in path and value is not None:
@@ -184,7 +191,9 @@ def plain_recipe(options: argparse.Namespace) -> dict[str, Any]:
             set_path(plain, f"dataset.maneuver.{key}", value)
     elif options.maneuver is not None:
         set_path(plain, "dataset.maneuver.kind", options.maneuver)
-    if options.limit:
+    if options.limit and isinstance(default_test(plain["dataset"]), NonlinearTest):
+        set_path(plain, f"dataset.{STORED_LIMITS}", flight_limits(options.limit))
+    elif options.limit:
         limits = dict.fromkeys(KEYS) | dict(map(channel_value, options.limit))
         set_path(plain, f"dataset.{STORED_LIMITS}", limits)
     for key, value in map(channel_value, options.noise or ()):
@@ -275,6 +284,17 @@ def channel_value(assignment: str) -> tuple[str, float]:
             f"write {key}={match[1]}{channel.display_unit} if that is meant"
         )
     return key, number * factors[unit]
+
+
+def flight_limits(texts: Sequence[str]) -> dict[str, float | None]:
+    """Parameters of `Nz=-1..4.9g`, `alpha=..15deg` or `fin_load=50kN`. RecipeError."""
+    try:
+        _, ends, requirements = extended(ALL_CHANNELS, (), texts)
+        if requirements:
+            raise ValueError("a nonlinear aircraft is limited by channel: write it as Nz=LOW..HIGH")
+        return FlightLimits.given(ends)
+    except ValueError as error:
+        raise RecipeError(str(error)) from None
 
 
 def _value(text: str) -> Any:

@@ -5,12 +5,15 @@ from typing import Any, Literal
 
 import numpy as np
 
-from app.recipes.recipes import from_plain, simulated_test
+from app.recipes.recipes import SimulatedHere, from_plain, simulated_test
 from core.planned_test.collection import DatasetRecipe, Rollouts
-from core.planned_test.planned_test import LateralSimulator, SensorNoise
+from core.planned_test.maneuver_simulator import ManeuverSimulator
+from core.planned_test.planned_test import LateralSimulator
 from core.simulation.aircraft import Aircraft, PublishedAircraft
-from core.simulation.attitude import attitude
+from core.simulation.attitude import attitude, attitude_of
 from core.simulation.imperfections import Imperfections
+from core.simulation.nonlinear_aircraft import NonlinearAircraft
+from core.simulation.simulator import Parameters
 from core.types import Array
 
 BATCH, MOST_BATCHES = 256, 64
@@ -50,7 +53,7 @@ def times(n: int, dt: float) -> Array:
 
 
 def simulate(
-    recipe: DatasetRecipe,
+    recipe: SimulatedHere,
     seed: int = 0,
     theta: dict[str, float] | None = None,
     outcome: Literal["any", "unsafe", "safe"] = "any",
@@ -61,9 +64,12 @@ def simulate(
     """
     simulator = recipe.simulator()
     rng = np.random.default_rng(seed)
-    if theta is not None:
+    if theta is not None and isinstance(simulator, LateralSimulator):
         _make_certain(simulator, theta)
         rollouts = simulator.rollouts(1, rng)
+        return _track(simulator, rollouts, 0)
+    if theta is not None:
+        rollouts, _ = simulator.fly(_given(simulator.parameters, theta)[np.newaxis], rng)
         return _track(simulator, rollouts, 0)
     for _ in range(MOST_BATCHES):
         rollouts = simulator.rollouts(BATCH, rng)
@@ -81,51 +87,59 @@ def simulate(
 def _make_certain(simulator: LateralSimulator, theta: dict[str, float]) -> None:
     """Fix the simulator's aircraft; its control law stays that of the nominal one."""
     plant = simulator.plant
-    if unknown := [name for name in theta if name not in plant.names]:
-        raise SourceError(
-            f"theta has unknown parameters {', '.join(unknown)}: this aircraft has "
-            f"{', '.join(plant.names)}"
-        )
-    if not all(np.isfinite(value) for value in theta.values()):
-        raise SourceError("theta contains a non-finite number: give a finite one per parameter")
-    nominal = plant.nominal.copy()
-    for name, value in theta.items():
-        nominal[plant.names.index(name)] = value
+    nominal = _given(plant.parameters, theta)
     simulator.plant = replace(plant, nominal=nominal, spread=np.zeros_like(plant.spread))
 
 
-def _track(simulator: LateralSimulator, rollouts: Rollouts, i: int) -> Track:
+def _given(parameters: Parameters, theta: dict[str, float]) -> Array:
+    """(n_parameters,) these values, the others nominal. SourceError."""
+    if unknown := [name for name in theta if name not in parameters.names]:
+        raise SourceError(
+            f"theta has unknown parameters {', '.join(unknown)}: this aircraft has "
+            f"{', '.join(parameters.names)}"
+        )
+    if not all(np.isfinite(value) for value in theta.values()):
+        raise SourceError("theta contains a non-finite number: give a finite one per parameter")
+    values = parameters.nominal.copy()
+    for name, value in theta.items():
+        values[parameters.names.index(name)] = value
+    return values
+
+
+def _track(simulator: ManeuverSimulator, rollouts: Rollouts, i: int) -> Track:
     y, fail_index = rollouts.y[i], int(rollouts.fail_index[i])
-    theta = dict(zip(simulator.plant.names, rollouts.theta[i].tolist(), strict=True))
-    recipe = simulator.recipe
+    theta = dict(zip(simulator.parameters.names, rollouts.theta[i].tolist(), strict=True))
+    recipe: Any = simulator.test
     t = times(len(y), recipe.dt)
     return Track(
         t,
         y.copy(),
         recipe.dt,
-        attitude(t, y, _trim_angles(recipe.aircraft)[1]),
+        attitude_of(simulator.dictionary, t, y, _trim_angles(recipe.aircraft)[1]),
         theta=theta,
         fail_index=fail_index if fail_index < len(y) else None,
         planned=planned_attitude(recipe, len(y)),
     )
 
 
-def planned_attitude(recipe: DatasetRecipe, n: int) -> Array | None:
+def planned_attitude(recipe: SimulatedHere, n: int) -> Array | None:
     """Attitude (n, 3) [rad] of the test on the nominal aircraft, flown and measured exactly.
 
     None where it has fewer samples, or none that are finite.
     """
     exact = replace(recipe.maneuver, timing_jitter_s=0.0, amplitude_jitter=0.0)
-    plan = replace(recipe, maneuver=exact, noise=SensorNoise(), imperfections=Imperfections())
+    unmeasured = type(recipe.noise)()
+    plan = replace(recipe, maneuver=exact, noise=unmeasured, imperfections=Imperfections())
     simulator = plan.simulator()
-    _make_certain(simulator, {})
-    y = simulator.rollouts(1, np.random.default_rng(0)).y[0, :n]
+    nominal = simulator.parameters.nominal[np.newaxis]
+    y = simulator.fly(nominal, np.random.default_rng(0))[0].y[0, :n]
     if len(y) < n or not np.isfinite(y).all():
         return None
-    return attitude(times(n, recipe.dt), y, _trim_angles(recipe.aircraft)[1])
+    t, theta0 = times(n, recipe.dt), _trim_angles(recipe.aircraft)[1]
+    return attitude_of(simulator.dictionary, t, y, theta0)
 
 
-def _trim_angles(aircraft: Aircraft) -> tuple[float, float]:
+def _trim_angles(aircraft: Aircraft | NonlinearAircraft) -> tuple[float, float]:
     if isinstance(aircraft, PublishedAircraft):
         return aircraft.model.alpha0, aircraft.model.theta0
     return 0.0, 0.0

@@ -36,7 +36,7 @@ from app.flights.sources.simulated import (
 from app.flights.sources.udp import UdpAccess
 from app.json_codec import Whole
 from app.messages import Mode
-from app.recipes.recipes import from_plain, simulated_test
+from app.recipes.recipes import SimulatedHere, default_test, from_plain, simulated_test
 from app.recordings.scored import ScoredRecordings
 from app.store.scorings import ScoringInfo
 from app.store.store import Store
@@ -44,7 +44,6 @@ from app.telemetry.journal import Journals, lines_of
 from app.telemetry.mapping.mapping import Mapping
 from core.channels import Dictionary
 from core.monitor import Monitor
-from core.planned_test.collection import DatasetRecipe
 from core.simulation.attitude import attitude_of
 
 FIRST_FREE_PORT = 1024
@@ -361,7 +360,7 @@ def journal_setup(opening: Opening, flight_id: str) -> LiveSetup:
     return live.setup(opening, header_of(journals.path(flight_id)))
 
 
-def _recipe(request: Simulated, store: Store, monitor: Monitor) -> DatasetRecipe:
+def _recipe(request: Simulated, store: Store, monitor: Monitor) -> SimulatedHere:
     plain = request.recipe
     if request.dataset is not None:
         if plain is not None:
@@ -373,7 +372,7 @@ def _recipe(request: Simulated, store: Store, monitor: Monitor) -> DatasetRecipe
         raise SourceError(
             "this monitor has no test to simulate: give a recipe or a simulated dataset"
         )
-    return from_plain(DatasetRecipe(), plain, "dataset")
+    return from_plain(default_test(plain), plain, "dataset")
 
 
 SOURCES: dict[str, type[Source]] = {

@@ -58,8 +58,7 @@ function showSimulation(element, { api, navigate }) {
   return loadingView(element, { title, text: "Loading aircraft and manoeuvres", loads: [loadCatalog], build });
 
   function build({ keep }, catalog) {
-    const { fields, main, folded, size } = createTestFields({ api, catalog });
-    folded.append(fields.element("groups"));
+    const { fields, main, folded, size } = createTestFields({ api, catalog, withGroups: true });
     const named = optionalName("name", "dataset-name");
     const { element: form } = createForm({
       title,

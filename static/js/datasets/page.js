@@ -1,7 +1,7 @@
 /** One dataset: its recipe, its unsafe rate, and its rollouts to inspect and replay. */
 
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
-import { channelsOf, isSimulated, limitsOfMonitor, loadCatalog, ownLimits, testNames } from "../lib/catalog.js";
+import { channelsOf, isSimulated, limitsOfMonitor, loadCatalog, ownLimits, testNames, testRecipe } from "../lib/catalog.js";
 import { deleteButton, factList, formatted, h, link, loadingView, pageOf, panel, recipeList } from "../lib/dom.js";
 import { withLimits } from "../lib/limits.js";
 import { warningLines } from "../lib/monitors.js";
@@ -23,6 +23,7 @@ export function showDataset(element, { id, api, navigate }) {
     const viewer = keep(createRolloutViewer({ api, channels, dataset, monitors: able, navigate }));
     const channelOf = (peaks) => channels.find(({ key }) => key === peaks.channel);
     const isKnown = isSimulated(dataset);
+    const isLinear = isKnown && testRecipe(catalog, dataset.recipe) === catalog.recipes.dataset;
     const figures = [
       rolloutFigure({ ...dataset, channels, rollouts }),
       ...dataset.peaks.map((peaks) => peakFigure(peaks, channelOf(peaks))),
@@ -31,7 +32,7 @@ export function showDataset(element, { id, api, navigate }) {
       dataset.name,
       [
         link("Train a monitor", `#/monitors/new?dataset=${id}`, true),
-        isKnown && link("Compare five methods", `#/monitors/compare?dataset=${id}`),
+        isLinear && link("Compare five methods", `#/monitors/compare?dataset=${id}`),
         h("a.button", { href: `/api/v1/datasets/${id}/arrays`, download: `dataset-${id}.npz` }, "Download arrays"),
         deleteButton({
           api,
@@ -80,7 +81,7 @@ function findings({ findings: texts }) {
 
 function details(dataset, catalog) {
   const { recipe } = dataset;
-  const { schema } = catalog.recipes.dataset;
+  const { schema } = testRecipe(catalog, recipe);
   const isKnown = isSimulated(dataset);
   const hasRecipe = Boolean(recipe.aircraft || recipe.simulator);
   const origin = [

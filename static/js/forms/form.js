@@ -87,8 +87,9 @@ function group(key, schema, value, place) {
 function family(key, schema, value, place) {
   const { label, entries } = place.catalog.families[schema["x-family"]];
   const isAircraft = schema["x-family"] === "aircraft";
+  const kinds = schema.properties?.kind?.enum ?? Object.keys(entries); // a test may have fewer members than its family
   const choice = select(
-    Object.values(entries).map((entry) => [entry.kind, isAircraft ? aircraftCondition(entry) : entry.label]),
+    kinds.map((kind) => entries[kind]).map((entry) => [entry.kind, isAircraft ? aircraftCondition(entry) : entry.label]),
     { "aria-label": label, name: `${place.path}.kind`, onchange: () => turn(choice.value) },
   );
   const words = h("p.hint");

@@ -9,7 +9,7 @@
  */
 
 import { needs, reason } from "../lib/api.js";
-import { isSimulated, limitsOfMonitor, testWords } from "../lib/catalog.js";
+import { isSimulated, limitsOfMonitor, testRecipe, testWords } from "../lib/catalog.js";
 import { button, errorLine, formatted, h } from "../lib/dom.js";
 import { counted, figure, followUnits, moment, percent } from "../lib/numbers.js";
 import { fieldset, fold, inWords, radioGroup, select } from "./controls.js";
@@ -18,23 +18,57 @@ import { createFields } from "./form.js";
 const SIZE = "n_unsafe";
 /** Set by the monitor where the test is simulated for one; a field only on the Datasets page. */
 const GROUPS = "groups";
+/** Objects that are shown open. */
+const OPEN = ["condition", "limits"];
 
-export function createTestFields({ api, catalog, initial = null, asFlown = true }) {
-  const { schema, default: clean, usual } = catalog.recipes.dataset;
+const MODELS = [
+  ["dataset", "Linear, lateral motion"],
+  ["nonlinear", "Nonlinear, six degrees of freedom"],
+];
+
+/** withGroups: with the field of the groups of failing rollouts. */
+export function createTestFields({ api, catalog, initial = null, asFlown = true, withGroups = false }) {
+  const nonlinear = testRecipe(catalog, initial ?? {}) === catalog.recipes.nonlinear;
+  const model = radioGroup({ name: "model", ways: MODELS, value: nonlinear ? "nonlinear" : "dataset", onchange: () => turn(), label: "model of the aircraft" });
+  const [main, folded, size] = [h("div.stack"), h("div"), h("div")];
+  let fields;
+  turn(initial);
+  const shown = {
+    read: () => fields.read(),
+    check: () => fields.check(),
+    get editors() {
+      return fields.editors;
+    },
+  };
+  return { fields: shown, main: h("div.stack", model.element, main), folded, size };
+
+  function turn(begun = null) {
+    const parts = fieldsOf({ api, catalog, recipe: catalog.recipes[model.value()], initial: begun, asFlown, withGroups });
+    fields = parts.fields;
+    main.replaceChildren(parts.main);
+    folded.replaceChildren(parts.folded);
+    size.replaceChildren(parts.size);
+  }
+}
+
+function fieldsOf({ api, catalog, recipe, initial, asFlown, withGroups }) {
+  const { schema, default: clean, usual } = recipe;
   const begun = { ...(asFlown && !initial ? usual : clean), ...initial };
-  const fields = createFields(schema, begun, { catalog, path: "dataset", unfolded: ["limits"] });
+  const fields = createFields(schema, begun, { catalog, path: "dataset", unfolded: OPEN });
   const { properties } = schema;
   const families = fields.keys.filter((key) => key !== GROUPS && properties[key]["x-family"]);
-  const rest = fields.keys.filter((key) => ![...families, SIZE, GROUPS, "limits"].includes(key));
+  const open = OPEN.filter((key) => key in properties);
+  const rest = fields.keys.filter((key) => ![...families, ...open, SIZE, GROUPS].includes(key));
   const objects = rest.filter((key) => properties[key].properties);
-  const main = h("div.columns.test-columns", [...families, "limits"].map(fields.element));
+  const main = h("div.columns.test-columns", [...families, ...open].map(fields.element));
   const folded = fold(
     "Sampling, noise, imperfections, seed, budget",
     h("div.field-grid", rest.filter((key) => !objects.includes(key)).map(fields.element)),
-    imperfectionsChoice(fields, catalog.recipes.dataset),
+    imperfectionsChoice(fields, recipe),
     objects.map(fields.element),
+    withGroups && fields.element(GROUPS),
   );
-  beginWithUsualTest(fields, main, catalog);
+  if (recipe === catalog.recipes.dataset) beginWithUsualTest(fields, main, catalog);
   main.append(amplitudeSuggestion(fields, api));
   return { fields, main, folded, size: fields.element(SIZE) };
 }

@@ -24,9 +24,15 @@ export function methodWords(catalog, recipe) {
 
 export function aircraftName(catalog, part) {
   if (part?.base) return `${aircraftName(catalog, part.base)}, identified`;
-  const entry = catalog.families.aircraft.entries[part?.kind];
+  const { aircraft, nonlinear_aircraft: nonlinear } = catalog.families;
+  const entry = aircraft.entries[part?.kind] ?? nonlinear.entries[part?.kind];
   // an aircraft's description begins with its name: "F-104A, Mach 0.8, sea level, ...; source"
   return entry ? entry.description.split(/[,;]/)[0] : (part?.kind ?? "not recorded");
+}
+
+/** The catalog's recipe of a simulated test: that of its aircraft. */
+export function testRecipe({ families, recipes }, { aircraft } = {}) {
+  return aircraft?.kind in families.nonlinear_aircraft.entries ? recipes.nonlinear : recipes.dataset;
 }
 
 export function kindName(catalog, family, part) {

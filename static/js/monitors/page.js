@@ -4,7 +4,7 @@ import { channelTable } from "../datasets/channel_table.js";
 import { rolloutFigure, sampleRollouts } from "../datasets/figures.js";
 import { foldedPanel } from "../forms/controls.js";
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
-import { channelsOf, isSimulated, kindName, limitsOfMonitor, loadCatalog, methodWords, ownLimits, testNames } from "../lib/catalog.js";
+import { channelsOf, isSimulated, kindName, limitsOfMonitor, loadCatalog, methodWords, ownLimits, testNames, testRecipe } from "../lib/catalog.js";
 import {
   button,
   chip,
@@ -245,7 +245,7 @@ function details(monitor, { members }, catalog) {
   ];
   const part = (title, content) => [h("h3", title), content];
   const recipe = recipeTable(catalog.recipes.monitor.schema, monitor.recipe, catalog);
-  const test = recipeTable(catalog.recipes.dataset.schema, monitor.dataset_recipe, catalog);
+  const test = recipeTable(testRecipe(catalog, monitor.dataset_recipe).schema, monitor.dataset_recipe, catalog);
   return [
     h(
       "div.columns.recipe-columns",

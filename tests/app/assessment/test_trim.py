@@ -11,7 +11,7 @@ from app.assessment.planned_test import PlannedTest
 from app.assessment.trim import BEYOND, EXCEEDED, RESTING, CausalTrim
 from core.channels import LATERAL, Dictionary
 from core.limits.limits import Limits
-from core.simulation.maneuver import MANEUVERS, Doublet, Maneuver
+from core.simulation.maneuver import LATERAL_MANEUVERS, MANEUVERS, Doublet, Maneuver
 from tests.support.attas import DOUBLET, record
 
 CONTROLS = LATERAL.of_role("control")
@@ -91,7 +91,7 @@ def test_quiet_surfaces_and_unknown_ones_have_no_manoeuvre():
     assert onsets(np.full((2000, 2), np.nan)) == []
 
 
-@pytest.mark.parametrize("name", sorted(MANEUVERS))
+@pytest.mark.parametrize("name", sorted(LATERAL_MANEUVERS))
 def test_every_planned_manoeuvre_is_detected_whole(name: str):
     maneuver = replace(MANEUVERS[name], lead_in_s=2.0, duration_s=30.0)
     plan = PlannedTest(DT, LIMITS, maneuver)

@@ -11,7 +11,7 @@ from core.planned_test.amplitude import AmplitudeError, suggest_amplitude
 from core.planned_test.collection import CollectionError, collect, fresh
 from core.planned_test.planned_test import DatasetRecipe, LateralSimulator
 from core.simulation.aircraft import AIRCRAFT, PublishedAircraft, Uncertainty
-from core.simulation.maneuver import MANEUVERS, Maneuver, Table
+from core.simulation.maneuver import LATERAL_MANEUVERS, Maneuver, Table
 
 RECIPE = DatasetRecipe()
 
@@ -30,7 +30,7 @@ def test_the_usual_test_of_every_aircraft_trains(kind: str):
     assert monitor.n_unsafe == 30
 
 
-@pytest.mark.parametrize("maneuver", MANEUVERS.values(), ids=MANEUVERS)
+@pytest.mark.parametrize("maneuver", LATERAL_MANEUVERS.values(), ids=LATERAL_MANEUVERS)
 @pytest.mark.parametrize("share", [0.1, 0.25, 0.5])
 def test_the_wanted_share_fails_at_the_suggested_amplitude(maneuver: Maneuver, share: float):
     recipe = replace(RECIPE, maneuver=maneuver, specification=Limits(Ny=0.2))

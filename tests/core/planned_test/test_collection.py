@@ -11,7 +11,7 @@ from core.planned_test.planned_test import LateralSimulator, SensorNoise
 from core.simulation.aircraft import AIRCRAFT, PublishedAircraft, Uncertainty
 from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.imperfections import Imperfections
-from core.simulation.maneuver import MANEUVERS
+from core.simulation.maneuver import LATERAL_MANEUVERS
 from core.simulation.rollout import roll_out
 from core.types import Array
 
@@ -186,10 +186,10 @@ def test_noise_has_its_deviation_and_does_not_change_the_labels():
 
 
 @pytest.mark.parametrize("name", AIRCRAFT)
-@pytest.mark.parametrize("maneuver", MANEUVERS)
+@pytest.mark.parametrize("maneuver", LATERAL_MANEUVERS)
 def test_every_aircraft_flies_every_manoeuvre(name: str, maneuver: str):
     simulator = LateralSimulator(
-        replace(RECIPE, aircraft=AIRCRAFT[name], maneuver=MANEUVERS[maneuver])
+        replace(RECIPE, aircraft=AIRCRAFT[name], maneuver=LATERAL_MANEUVERS[maneuver])
     )
     rollouts = simulator.rollouts(16, np.random.default_rng(0))
     assert np.isfinite(rollouts.y).all()

@@ -1,0 +1,223 @@
+"""Flights of a planned manoeuvre on random aircraft, as flown, judged and recorded."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from copy import deepcopy
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from core.channels import Dictionary
+from core.computed import complete
+from core.limits.limits import Envelope
+from core.simulation.imperfections import Imperfections, channel_array, from_trim
+from core.simulation.maneuver import Maneuver
+from core.simulation.simulator import Parameters, Rollouts, Stopped
+from core.simulation.turbulence import LateralGust
+from core.types import Array, Indices
+
+Look = Callable[[Array, Array], object]
+"""Called with the true outputs (n, n_samples, n_measured), from trim where channels count from it,
+and with that trim (n, n_measured)."""
+
+
+class Noise(Protocol):
+    """Sensor noise, 1 sigma of each channel."""
+
+    def add_to(self, y: Array, rng: np.random.Generator) -> None: ...
+
+
+class PlannedManeuver(Protocol):
+    """What of a recipe says how a manoeuvre is flown and recorded."""
+
+    @property
+    def maneuver(self) -> Maneuver: ...
+
+    @property
+    def imperfections(self) -> Imperfections: ...
+
+    @property
+    def noise(self) -> Noise: ...
+
+    @property
+    def dt(self) -> float: ...
+
+    @property
+    def substeps(self) -> int: ...
+
+
+class Drawn(NamedTuple):
+    """The random part of flights: theta (n, n_parameters), commands (1 or n, n_samples,
+    n_surfaces) with the run-up, samples at rest (n,), gusts (n, n_steps) each."""
+
+    theta: Array
+    commands: Array
+    rest: Indices
+    gusts: tuple[Array, ...]
+
+    def some(self, which: Indices) -> "Drawn":
+        commands = self.commands if len(self.commands) == 1 else self.commands[which]
+        gusts = tuple(gust[which] for gust in self.gusts)
+        return Drawn(self.theta[which], commands, self.rest[which], gusts)
+
+
+class ManeuverSimulator(ABC):
+    """Flies a planned manoeuvre on any aircraft, and stops it on the way."""
+
+    dictionary: Dictionary
+    gust: LateralGust | None
+    n_gusts = 1
+
+    @property
+    @abstractmethod
+    def test(self) -> PlannedManeuver: ...
+
+    @property
+    @abstractmethod
+    def limits(self) -> Envelope:
+        """Of the channels of the dictionary."""
+
+    @property
+    @abstractmethod
+    def parameters(self) -> Parameters: ...
+
+    @abstractmethod
+    def sample(self, n: int, rng: np.random.Generator) -> Array:
+        """Draw theta (n, n_parameters)."""
+
+    @abstractmethod
+    def outputs(self, drawn: Drawn) -> Array:
+        """True outputs (n, n_steps, n_measured), including the run-up; in fresh arrays."""
+
+    @property
+    def dt(self) -> float:
+        return self.test.dt
+
+    def rollouts(self, n: int, rng: np.random.Generator) -> Rollouts:
+        """Roll out n random aircraft."""
+        return self._rolled_out(self._drawn(n, rng), rng, lambda y, trim: None)
+
+    def fly(
+        self, theta: Array, rng: np.random.Generator, scale: Array | None = None
+    ) -> tuple[Rollouts, Array]:
+        """Fly these aircraft, theta (n, n_parameters), each with its own pilot.
+
+        scale: (n,) factors on their commands.
+        Returns the rollouts, and (n,) the largest part of a limit reached by the true outputs,
+        infinite for a diverged flight.
+        """
+        pilot = self.test.maneuver.pilot(self.dt, len(theta), rng)
+        if scale is not None:
+            pilot = scale[:, np.newaxis, np.newaxis] * pilot
+        peaks: list[Array] = []
+
+        def look(y: Array, trim: Array) -> None:
+            parts = self.limits.shares(complete(self.dictionary, y, self.dt))
+            peaks.append(np.nan_to_num(parts, nan=np.inf, posinf=np.inf).max(axis=(1, 2)))
+
+        rollouts = self._rolled_out(self._flown(theta, pilot, rng), rng, look)
+        return rollouts, peaks[0]
+
+    def _rolled_out(self, drawn: Drawn, rng: np.random.Generator, look: Look) -> Rollouts:
+        """Roll out flights as measured. look: as in `recorded`; trim is 0 without
+        imperfections."""
+        if not self.test.imperfections.are_none:
+            return self._recorded(drawn, rng, look)
+        y = self.outputs(drawn)
+        first = self._first_exceedance(y, drawn)
+        y = np.ascontiguousarray(y[:, :: self.test.substeps])
+        look(y, np.zeros_like(y[:, 0]))
+        self.test.noise.add_to(y, rng)
+        return Rollouts(complete(self.dictionary, y, self.dt), first, drawn.theta)
+
+    def recorded(self, n: int, rng: np.random.Generator, look: Look) -> Rollouts:
+        """Roll out n aircraft as flown and recorded, with any imperfections.
+
+        look: called with the true outputs and trim, see `Look`; gust and inexact inputs shift
+        trim from 0.
+        """
+        return self._recorded(self._drawn(n, rng), rng, look)
+
+    def _recorded(self, drawn: Drawn, rng: np.random.Generator, look: Look) -> Rollouts:
+        test, imperfections = self.test, self.test.imperfections
+        every, step = test.substeps, test.dt / test.substeps
+        start = imperfections.run_up(test.dt) * every
+        y = self.outputs(drawn)
+        trim = y[:, start].copy()
+        first = self._first_exceedance(y, drawn)
+        trim -= y[:, start]
+        look(y[:, start::every], trim)
+        noise = channel_array(test.noise, self.dictionary.measured)
+        out = imperfections.record(y, start, every, drawn.rest, noise, step, rng, self.dictionary)
+        return Rollouts(complete(self.dictionary, out, self.dt), first, drawn.theta)
+
+    def stopping(self, n: int, rng: np.random.Generator, theta: Array | None = None) -> Stopped:
+        """Draw n flights from rng as `rollouts` does, to fly some again with the manoeuvre stopped.
+
+        theta: (n, n_parameters) of given aircraft; their flights are then drawn as in `fly`.
+        Neutral controls are reached with the manoeuvre's pedal lag.
+        """
+        if theta is None:
+            theta, pilot = self._planned(n, rng)
+        else:
+            pilot = self.test.maneuver.pilot(self.dt, n, rng)
+        pilot, rng_before = np.broadcast_to(pilot, (n, *pilot.shape[1:])), deepcopy(rng)
+        drawn = self._flown(theta, pilot, rng)
+
+        def stopped(which: Indices, neutral_from: Indices) -> Indices:
+            if not len(which):
+                return which
+            commands = pilot[which]
+            is_neutral = np.arange(pilot.shape[1]) >= neutral_from[:, np.newaxis]
+            commands[is_neutral] = 0.0
+            repeated = drawn.some(which)._replace(commands=commands)
+            if not self.test.imperfections.are_none:
+                all_commands = pilot.copy()
+                all_commands[which] = commands
+                all_commands, _ = self._inexact(all_commands, n, deepcopy(rng_before))
+                repeated = repeated._replace(commands=all_commands[which])
+            return self._first_exceedance(self.outputs(repeated), repeated)
+
+        return stopped
+
+    def commands(self, n: int, rng: np.random.Generator) -> Array:
+        """Commands (n, n_samples, n_surfaces) [rad] of the n flights that `rollouts` draws from
+        rng, before imperfections."""
+        _, pilot = self._planned(n, rng)
+        return np.broadcast_to(pilot, (n, *pilot.shape[1:]))
+
+    def _drawn(self, n: int, rng: np.random.Generator) -> Drawn:
+        """The random part of n flights."""
+        return self._flown(*self._planned(n, rng), rng)
+
+    def _planned(self, n: int, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Theta (n, n_parameters), and the pilot's commands (1 or n, n_samples, n_surfaces)."""
+        theta = self.sample(n, rng)
+        return theta, self.test.maneuver.pilot(self.dt, n, rng)
+
+    def _flown(self, theta: Array, pilot: Array, rng: np.random.Generator) -> Drawn:
+        """Add imperfections to these flights."""
+        test, n = self.test, len(theta)
+        if test.imperfections.are_none:
+            return Drawn(theta, pilot, np.zeros(n, np.int64), ())
+        commands, rest = self._inexact(pilot, n, rng)
+        n_steps, step = (commands.shape[1] - 1) * test.substeps + 1, test.dt / test.substeps
+        gusts = (
+            test.imperfections.gusts(self.gust, n, n_steps, step, rng) for _ in range(self.n_gusts)
+        )
+        return Drawn(theta, commands, rest, tuple(gust for gust in gusts if gust is not None))
+
+    def _inexact(self, pilot: Array, n: int, rng: np.random.Generator) -> tuple[Array, Indices]:
+        """Commands as n pilots fly them, with a run-up before; and samples at rest."""
+        lead_in = round(self.test.maneuver.lead_in_s / self.dt)
+        return self.test.imperfections.fly(pilot, n, self.dt, lead_in, rng)
+
+    def _first_exceedance(self, y: Array, drawn: Drawn) -> Indices:
+        """(n,) first sample that exceeds a limit, n_samples for none. Subtracts trim from y."""
+        test, every = self.test, self.test.substeps
+        if not test.imperfections.are_none:
+            start = test.imperfections.run_up(test.dt) * every
+            y = from_trim(y, start, every, drawn.rest, self.dictionary)
+        whole = complete(self.dictionary, y, test.dt / every)
+        first = -(-self.limits.first_exceedance(whole) // every)
+        return np.minimum(first, test.maneuver.n_samples(test.dt))
