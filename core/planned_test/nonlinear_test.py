@@ -32,7 +32,7 @@ from core.simulation.imperfections import (
     counts_from_trim,
 )
 from core.simulation.maneuver import ALL_SURFACES, MANEUVERS, Maneuver
-from core.simulation.nonlinear import FlightCondition, PitchLaw, fly, linear_lateral
+from core.simulation.nonlinear import TrimCondition, PitchLaw, fly, linear_lateral
 from core.simulation.nonlinear_aircraft import NONLINEAR_AIRCRAFT, NonlinearAircraft
 from core.simulation.simulator import Parameters
 from core.types import Array
@@ -89,7 +89,7 @@ class NonlinearTest:
     """
 
     aircraft: NonlinearAircraft = NONLINEAR_AIRCRAFT["f16_polynomial"]
-    condition: FlightCondition = FlightCondition()  # noqa: RUF009
+    condition: TrimCondition = TrimCondition()  # noqa: RUF009
     """flight condition: trim before the manoeuvre."""
     control_law: ControlLaw = RateDamper(actuator=F16_ACTUATOR)  # noqa: RUF009
     pitch_law: PitchLaw = PitchLaw()  # noqa: RUF009

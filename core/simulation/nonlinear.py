@@ -52,7 +52,7 @@ class TrimError(ValueError):
 
 
 @dataclass(frozen=True)
-class FlightCondition:
+class TrimCondition:
     """Trimmed flight in the standard atmosphere: straight, or a turn without sideslip.
 
     The rate of a turn follows from its load factor: tan(bank) g / (V cos(path)), with

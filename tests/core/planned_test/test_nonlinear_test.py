@@ -15,7 +15,7 @@ from core.planned_test.collection import collect
 from core.planned_test.nonlinear_test import NonlinearTest
 from core.planned_test.planned_test import DatasetRecipe
 from core.simulation.maneuver import ALL_SURFACES, LATERAL_MANEUVERS, MANEUVERS, Ramps
-from core.simulation.nonlinear import FlightCondition
+from core.simulation.nonlinear import TrimCondition
 from core.simulation.nonlinear_aircraft import NONLINEAR_AIRCRAFT
 from core.simulation.simulator import Flies, Stops
 
@@ -48,7 +48,7 @@ def test_the_same_seed_makes_the_same_flights_and_chunks_do_not_matter():
 def test_a_wind_up_turn_begins_at_the_load_factor_and_tightens():
     test = replace(
         TEST,
-        condition=FlightCondition(load_factor=2.0),
+        condition=TrimCondition(load_factor=2.0),
         maneuver=MANEUVERS["wind_up_turn"],
         specification=FlightLimits(alpha_high_deg=25.0),
     )

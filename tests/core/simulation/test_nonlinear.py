@@ -11,7 +11,7 @@ from core.kernels.six_dof import ALTITUDE, LAW, Loop, Times, begin, motion, roll
 from core.simulation.atmosphere import air_at
 from core.simulation.control_law import NoFeedback, RateDamper
 from core.simulation.nonlinear import (
-    FlightCondition,
+    TrimCondition,
     PitchLaw,
     TrimError,
     fly,
@@ -23,7 +23,7 @@ from core.simulation.published import FOOT
 from core.types import Array
 
 F16, GGAM_F16, A7 = (NONLINEAR_AIRCRAFT[name] for name in NONLINEAR_AIRCRAFT)
-SEA_LEVEL = FlightCondition(0.0, 0.45).point._replace(airspeed=502 * FOOT)
+SEA_LEVEL = TrimCondition(0.0, 0.45).point._replace(airspeed=502 * FOOT)
 NO_LAW = NoFeedback().controller(linear_lateral(F16, SEA_LEVEL))
 
 
@@ -86,7 +86,7 @@ def test_the_linear_model_at_trim_has_the_derivatives_of_the_table(aircraft, pub
 
 @pytest.mark.parametrize("aircraft", [F16, GGAM_F16, A7])
 def test_the_linear_model_agrees_with_a_small_flight(aircraft):
-    point = FlightCondition().point
+    point = TrimCondition().point
     plant = linear_lateral(aircraft, point)
     (a,), (b,), (c,), (d,) = plant.fixed
     dt, aileron = 0.01, radians(0.02)
@@ -114,7 +114,7 @@ def flown(aircraft, point, pilot: Array, dt: float, **settings):
 @pytest.mark.parametrize("aircraft", [F16, GGAM_F16, A7])
 @pytest.mark.parametrize("load_factor", [1.0, 2.0])
 def test_trim_holds_for_ten_seconds(aircraft, load_factor):
-    point = FlightCondition(load_factor=load_factor).point
+    point = TrimCondition(load_factor=load_factor).point
     pilot = np.zeros((1, 1001, 3))
     y, _ = flown(aircraft, point, pilot, 0.01, pitch_law=PitchLaw(), n_outputs=14)
     np.testing.assert_allclose(y[0], np.broadcast_to(y[0, 0], y[0].shape), rtol=1e-5, atol=1e-6)
@@ -123,7 +123,7 @@ def test_trim_holds_for_ten_seconds(aircraft, load_factor):
 
 
 def test_a_climb_follows_its_path():
-    point = FlightCondition(path_deg=5.0).point
+    point = TrimCondition(path_deg=5.0).point
     at = trimmed(F16, point, F16.nominal[np.newaxis])[0]
     x, change = np.empty(LAW), np.empty(LAW)
     begin(point, at, x)
@@ -134,7 +134,7 @@ def test_a_climb_follows_its_path():
 def test_a_body_without_torque_keeps_energy_and_angular_momentum():
     body = A7.body
     nothing = np.zeros((1, 45))
-    point = FlightCondition().point._replace(gravity=1e-12, turn=1.0, climb=0.1)
+    point = TrimCondition().point._replace(gravity=1e-12, turn=1.0, climb=0.1)
     held = np.array([[0.2, 0.7, 0.0, 0.0, 0.0, 0.0]])
     loop = Loop(NO_LAW.a, NO_LAW.b, NO_LAW.c, NO_LAW.d, 0.0, 0.0, 20.2, inf, inf)
     out = np.empty((1, 1001, 13))
@@ -153,7 +153,7 @@ def test_a_body_without_torque_keeps_energy_and_angular_momentum():
 
 
 def test_surfaces_keep_their_rate_and_position():
-    point = FlightCondition().point
+    point = TrimCondition().point
     actuator = replace(NoFeedback().actuator, rate_limit_deg_s=30.0, position_limit_deg=4.0)
     pilot = np.zeros((1, 101, 3))
     pilot[:, 10:, 1] = radians(10.0)
@@ -165,7 +165,7 @@ def test_surfaces_keep_their_rate_and_position():
 
 
 def test_the_pedal_lag_fades_as_the_exponential():
-    point, lag = FlightCondition().point, 0.2
+    point, lag = TrimCondition().point, 0.2
     fast = replace(NoFeedback().actuator, bandwidth_rad_s=500.0)
     pilot = np.full((1, 51, 3), [0.0, 1e-3, 0.0])
     about = {"controller": NO_LAW, "pitch_law": PitchLaw(), "actuator": fast}
@@ -177,7 +177,7 @@ def test_the_pedal_lag_fades_as_the_exponential():
 
 
 def test_dampers_have_the_signs_of_the_aircraft():
-    point = FlightCondition().point
+    point = TrimCondition().point
     pilot = np.zeros((1, 301, 3))
     pilot[:, 20:70, 1] = radians(3.0)
     law = RateDamper(kr=0.5, kp=0.1).controller(linear_lateral(F16, point))
@@ -187,7 +187,7 @@ def test_dampers_have_the_signs_of_the_aircraft():
 
 
 def test_a_condition_without_trim_is_refused_with_a_remedy():
-    point = FlightCondition(altitude_m=15_000, mach=0.2).point
+    point = TrimCondition(altitude_m=15_000, mach=0.2).point
     with pytest.raises(TrimError, match="higher Mach"):
         trimmed(F16, point, F16.nominal[np.newaxis])
 
