@@ -32,7 +32,7 @@ from core.simulation.imperfections import (
     counts_from_trim,
 )
 from core.simulation.maneuver import ALL_SURFACES, MANEUVERS, Maneuver
-from core.simulation.nonlinear import TrimCondition, PitchLaw, fly, linear_lateral
+from core.simulation.nonlinear import PitchLaw, TrimCondition, fly, linear_lateral
 from core.simulation.nonlinear_aircraft import NONLINEAR_AIRCRAFT, NonlinearAircraft
 from core.simulation.simulator import Parameters
 from core.types import Array

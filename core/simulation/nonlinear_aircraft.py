@@ -59,7 +59,7 @@ def scatter_of(name: str) -> float:
     return LIFT if part in ("C_L", "C_Z") and not cause.endswith("de") else CONTROL
 
 
-class UsualTest(NamedTuple):
+class UsualDoublets(NamedTuple):
     """About an aircraft and its usual test.
 
     aircraft_class: its shape, for display.   pitch_deg, rudder_deg: elevator and rudder of usual
@@ -167,7 +167,7 @@ class NonlinearAircraft(ABC):
 
     @property
     @abstractmethod
-    def condition(self) -> UsualTest:
+    def condition(self) -> UsualDoublets:
         """Its shape and usual tests."""
 
     @property
@@ -226,8 +226,8 @@ class GenericAircraft(NonlinearAircraft):
         )
 
     @property
-    def condition(self) -> UsualTest:
-        return UsualTest("fighter", -3.0, 8.0)
+    def condition(self) -> UsualDoublets:
+        return UsualDoublets("fighter", -3.0, 8.0)
 
     @property
     def body(self) -> Body:
@@ -259,8 +259,8 @@ class PolynomialF16(NonlinearAircraft):
         )
 
     @property
-    def condition(self) -> UsualTest:
-        return UsualTest("fighter", -3.0, 8.0)
+    def condition(self) -> UsualDoublets:
+        return UsualDoublets("fighter", -3.0, 8.0)
 
     @property
     def body(self) -> Body:

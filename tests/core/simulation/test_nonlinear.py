@@ -11,8 +11,8 @@ from core.kernels.six_dof import ALTITUDE, LAW, Loop, Times, begin, motion, roll
 from core.simulation.atmosphere import air_at
 from core.simulation.control_law import NoFeedback, RateDamper
 from core.simulation.nonlinear import (
-    TrimCondition,
     PitchLaw,
+    TrimCondition,
     TrimError,
     fly,
     linear_lateral,
