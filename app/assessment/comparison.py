@@ -61,7 +61,7 @@ class Warned(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Difference:
+class RiskDifference:
     """Two monitors where both assessed. largest: (t [s], risk of the first, of the second).
 
     only_first, only_second: intervals in which one of them alerts alone [s].
@@ -73,11 +73,11 @@ class Difference:
     only_second: Alerts
 
 
-def difference(first: Assessed, second: Assessed) -> Difference:
+def difference(first: Assessed, second: Assessed) -> RiskDifference:
     """Compare two monitors at the samples of the first: the nearest of the second's in time."""
     t = first.t
     if not len(t) or not len(second.t):
-        return Difference(0, None, (), ())
+        return RiskDifference(0, None, (), ())
     after = np.clip(np.searchsorted(second.t, t), 1, max(len(second.t) - 1, 1))
     nearest = np.minimum(after, len(second.t) - 1)
     is_before = np.abs(second.t[after - 1] - t) <= np.abs(second.t[nearest] - t)
@@ -91,7 +91,9 @@ def difference(first: Assessed, second: Assessed) -> Difference:
         k = int(np.nanargmax(apart))
         largest = float(t[k]), float(first.risk[k]), float(second.risk[nearest[k]])
     alone = [(first.alert & ~second.alert[nearest]), (second.alert[nearest] & ~first.alert)]
-    return Difference(int(both.sum()), largest, *(alert_times(t, each & both) for each in alone))
+    return RiskDifference(
+        int(both.sum()), largest, *(alert_times(t, each & both) for each in alone)
+    )
 
 
 def longest_pass(t: Array) -> slice:

@@ -7,7 +7,7 @@ from pydantic import BaseModel, Field
 
 from app.assessment.comparison import (
     Assessed,
-    Difference,
+    RiskDifference,
     WarningOutcome,
     difference,
     longest_pass,
@@ -70,7 +70,7 @@ class FlightComparison(BaseModel):
     monitors: list[ComparedMonitor]
 
 
-def differences_of(found: Difference) -> Differences:
+def differences_of(found: RiskDifference) -> Differences:
     largest = found.largest and dict(zip(("t", "first", "second"), found.largest, strict=True))
     return Differences(
         n_both=found.n_both,
