@@ -21,8 +21,8 @@ from core.flight_events import Alarm
 from core.monitor.assessment import STATES
 
 
-class Interval(BaseModel):
-    """An interval of time."""
+class AlertInterval(BaseModel):
+    """An interval of alerts."""
 
     start: float = Field(description="[s]")
     end: float = Field(description="[s]")
@@ -41,15 +41,15 @@ class Differences(BaseModel):
 
     n_both: int = Field(description="samples that both assessed")
     largest: LargestDifference | None = Field(description="null if they assessed none together")
-    only_first: list[Interval] = Field(description="where only the first one alerts")
-    only_second: list[Interval] = Field(description="where only the second one alerts")
+    only_first: list[AlertInterval] = Field(description="where only the first one alerts")
+    only_second: list[AlertInterval] = Field(description="where only the second one alerts")
 
 
 class ComparedMonitor(FlownMonitor):
     """A monitor on a flight."""
 
     n_assessed: int = Field(description="samples")
-    alerts: list[Interval]
+    alerts: list[AlertInterval]
     outcome: WarningOutcome | None = Field(
         description="how it warned of the first exceedance: in time (`timely_alert`), `late_alert`,"
         " `missed`, or `unseen` if it assessed no sample in time; null without an exceedance"
@@ -80,8 +80,8 @@ def differences_of(found: RiskDifference) -> Differences:
     )
 
 
-def _intervals(pairs: tuple[tuple[float, float], ...]) -> list[Interval]:
-    return [Interval(start=start, end=end) for start, end in pairs]
+def _intervals(pairs: tuple[tuple[float, float], ...]) -> list[AlertInterval]:
+    return [AlertInterval(start=start, end=end) for start, end in pairs]
 
 
 def compared(

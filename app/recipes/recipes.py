@@ -17,7 +17,7 @@ from app.telemetry.recording import TelemetryError
 from app.telemetry.targets import check_limits
 from core import recipe
 from core.channels import BEYOND_FLIGHT, CHANNELS, Channel
-from core.limits.flight_limits import FlightLimits
+from core.limits.flight_limits import LoadLimits
 from core.limits.limits import Limits
 from core.monitor.group import Pooled
 from core.monitor.predictor import Ensemble, Scope
@@ -79,7 +79,7 @@ USUAL_MONITOR = MonitorRecipe(
 )
 """The default monitor."""
 NO_FLIGHT_LIMITS = {
-    each.name: None for each in fields(FlightLimits) if not is_dataclass(each.default)
+    each.name: None for each in fields(LoadLimits) if not is_dataclass(each.default)
 }
 """A nonlinear aircraft has the limits that are given, and no others."""
 AUTO = "auto"

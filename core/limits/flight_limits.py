@@ -111,7 +111,7 @@ Ends = tuple[float | None, float | None]
 
 
 @dataclass(frozen=True)
-class FlightLimits:
+class LoadLimits:
     """Limits on channels and loads, each optional: unsafe as soon as one is reached.
 
     ValueError for no limit at all.
@@ -202,5 +202,5 @@ class FlightLimits:
         return IntervalLimits(self.dictionary, intervals)
 
 
-ALL_CHANNELS = FlightLimits(fin_load=1.0, wing_bending=1.0).dictionary
+ALL_CHANNELS = LoadLimits(fin_load=1.0, wing_bending=1.0).dictionary
 """Those that can be limited, and more."""

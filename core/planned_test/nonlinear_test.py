@@ -10,7 +10,7 @@ import numpy as np
 from core.bounds import NOT_NEGATIVE, Bounds, check_bounds
 from core.channels import SIX_DOF
 from core.computed import complete
-from core.limits.flight_limits import QBAR, FlightLimits
+from core.limits.flight_limits import QBAR, LoadLimits
 from core.limits.limits import Envelope, IntervalLimits
 from core.monitor.group import GROUPINGS, Grouping
 from core.planned_test.maneuver_simulator import Drawn, ManeuverSimulator
@@ -95,7 +95,7 @@ class NonlinearTest:
     pitch_law: PitchLaw = PitchLaw()  # noqa: RUF009
     """pitch law: feedback to the elevator."""
     maneuver: Maneuver = MANEUVERS["pitch_doublet"]
-    specification: FlightLimits = FlightLimits(Nz_high=2.25)  # noqa: RUF009
+    specification: LoadLimits = LoadLimits(Nz_high=2.25)  # noqa: RUF009
     noise: SixDofNoise = SixDofNoise()
     """sensor noise: white and Gaussian, 1 sigma of each channel."""
     imperfections: Imperfections = Imperfections()  # noqa: RUF009

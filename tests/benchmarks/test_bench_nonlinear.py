@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from core.kernels.compiled import on_this_thread
-from core.limits.flight_limits import FlightLimits
+from core.limits.flight_limits import LoadLimits
 from core.planned_test.maneuver_simulator import Drawn
 from core.planned_test.nonlinear_test import NonlinearTest
 from core.simulation.nonlinear_aircraft import NONLINEAR_AIRCRAFT
@@ -20,7 +20,7 @@ N, ROUNDS = 400, 5
 
 @pytest.mark.parametrize("name", NONLINEAR_AIRCRAFT)
 def test_trimmed_rollouts_of_six_seconds(name: str) -> None:
-    aircraft, limits = NONLINEAR_AIRCRAFT[name], FlightLimits(Nz_high=7.0)
+    aircraft, limits = NONLINEAR_AIRCRAFT[name], LoadLimits(Nz_high=7.0)
     test = NonlinearTest(aircraft=aircraft, specification=limits, dt=0.01)
     simulator = test.simulator()
     theta = simulator.parameters.sample(N, np.random.default_rng(0))

@@ -36,7 +36,7 @@ from app.recipes.recipes import (
 from app.telemetry.limit_texts import VALUE, extended
 from core.channels import BY_KEY, KEYS
 from core.evaluation.study import StudyRecipe
-from core.limits.flight_limits import ALL_CHANNELS, FlightLimits
+from core.limits.flight_limits import ALL_CHANNELS, LoadLimits
 from core.monitor import MonitorRecipe
 from core.planned_test.nonlinear_test import NonlinearTest
 from core.planned_test.planned_test import DatasetRecipe
@@ -292,7 +292,7 @@ def flight_limits(texts: Sequence[str]) -> dict[str, float | None]:
         _, ends, requirements = extended(ALL_CHANNELS, (), texts)
         if requirements:
             raise ValueError("a nonlinear aircraft is limited by channel: write it as Nz=LOW..HIGH")
-        return FlightLimits.given(ends)
+        return LoadLimits.given(ends)
     except ValueError as error:
         raise RecipeError(str(error)) from None
 

@@ -8,7 +8,7 @@ import pytest
 
 from core.channels import SIX_DOF
 from core.computed import complete
-from core.limits.flight_limits import ALL_CHANNELS, FinLoad, FlightLimits, WingBending
+from core.limits.flight_limits import ALL_CHANNELS, FinLoad, LoadLimits, WingBending
 from core.limits.limits import IntervalLimits
 from core.planned_test.amplitude import suggest_amplitude
 from core.planned_test.collection import collect
@@ -20,7 +20,7 @@ from core.simulation.nonlinear_aircraft import NONLINEAR_AIRCRAFT
 from core.simulation.simulator import Flies, Stops
 
 TEST = NonlinearTest(n_unsafe=20, seed=1)
-EVERY_LIMIT = FlightLimits(Nz_high=7.0, fin_load=1e6, wing_bending=1e6)
+EVERY_LIMIT = LoadLimits(Nz_high=7.0, fin_load=1e6, wing_bending=1e6)
 
 
 @pytest.mark.parametrize("aircraft", NONLINEAR_AIRCRAFT)
@@ -50,7 +50,7 @@ def test_a_wind_up_turn_begins_at_the_load_factor_and_tightens():
         TEST,
         condition=TrimCondition(load_factor=2.0),
         maneuver=MANEUVERS["wind_up_turn"],
-        specification=FlightLimits(alpha_high_deg=25.0),
+        specification=LoadLimits(alpha_high_deg=25.0),
     )
     simulator = test.simulator()
     y = simulator.fly(simulator.parameters.nominal[np.newaxis], np.random.default_rng(0))[0].y[0]
@@ -117,7 +117,7 @@ def test_the_loads_are_those_of_their_equations():
 
 
 def test_one_sided_and_computed_limits_judge_flights():
-    test = replace(TEST, specification=FlightLimits(V_low_mps=191.85, fin_load=50_000.0))
+    test = replace(TEST, specification=LoadLimits(V_low_mps=191.85, fin_load=50_000.0))
     simulator = test.simulator()
     flights = simulator.rollouts(100, np.random.default_rng(0))
     slow = flights.y[:, :, simulator.dictionary.index("V")].min(axis=1) <= 191.85
@@ -127,20 +127,20 @@ def test_one_sided_and_computed_limits_judge_flights():
 
 def test_a_limit_that_trim_exceeds_is_refused():
     with pytest.raises(ValueError, match=r"alpha.*0\.02"):
-        replace(TEST, specification=FlightLimits(alpha_high_deg=1.0)).simulator()
+        replace(TEST, specification=LoadLimits(alpha_high_deg=1.0)).simulator()
 
 
 def test_limits_by_channel_and_their_parameters_agree():
-    limits = FlightLimits(Nz_low=-1.0, Nz_high=4.9, alpha_high_deg=15.0, beta_deg=8.0, fin_load=5e4)
+    limits = LoadLimits(Nz_low=-1.0, Nz_high=4.9, alpha_high_deg=15.0, beta_deg=8.0, fin_load=5e4)
     assert limits.ends["alpha"] == (None, pytest.approx(radians(15.0)))
     assert limits.ends["beta"] == (-radians(8.0), radians(8.0))
-    given = FlightLimits.given(limits.ends)
+    given = LoadLimits.given(limits.ends)
     assert given == pytest.approx(
         {"Nz_low": -1.0, "Nz_high": 4.9, "alpha_high_deg": 15.0, "beta_deg": 8.0, "fin_load": 5e4}
     )
     assert ALL_CHANNELS.index("wing_bending") == len(ALL_CHANNELS) - 1
     with pytest.raises(ValueError, match="theta"):
-        FlightLimits.given({"theta": (None, 1.0)})
+        LoadLimits.given({"theta": (None, 1.0)})
 
 
 @pytest.mark.parametrize("name", [n for n, m in MANEUVERS.items() if isinstance(m, Ramps)])
