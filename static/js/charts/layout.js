@@ -1,10 +1,11 @@
 /**
  * The elements of a strip chart: a row for each strip, the time axis, the tool bar.
  *
- * layOut(host, strips, label) -> {rows, rowOf: [{canvas, readout}], axis, keys, bar: {element, mode, interval, values}, onfold}
- *     strips: as arranged by strips.js; of a folded one only the reading is shown, below the time axis
- *     keys: element for what the keys do.   bar: its buttons follow the other elements
- *     onfold(): to be set; strips were folded or unfolded
+ * layOut(host, strips, label, arrangement) -> {rows, rowOf: [{canvas, readout}], axis, keys, arrangement, bar: {element, mode, interval, values}, onchange}
+ *     strips: as arranged by strips.js; of one that is a number only the reading is shown, below the time axis
+ *     arrangement: of arrangement.js.   keys: element for what the keys do.   bar: its buttons follow the other elements
+ *     onchange(): to be set; the arrangement changed
+ * stripArrangement(address, strips) -> Arrangement of them
  * createSheet(canvas) -> Sheet     a canvas drawn in units, in the colours of its theme
  *     {canvas, pen, width, height, ratio, left, palette, hatches, resize(width, height), setPalette(palette), clear(name "")}
  *     ratio: px of the canvas a unit.   left: of the plot [px of the canvas], whole
@@ -17,86 +18,111 @@
  */
 
 import { button, h } from "../lib/dom.js";
+import { shownIn } from "../lib/numbers.js";
+import { createArrangement } from "./arrangement.js";
 import { hatch } from "./palette.js";
 
 export const GUTTER = 46;
+
+const WAYS = ["shown", "number", "hidden"];
 
 export const unit = () => parseFloat(getComputedStyle(document.documentElement).fontSize) / 16;
 
 let charts = 0;
 
-export function layOut(host, strips, label) {
+export function stripArrangement(address, strips) {
+  const usual = strips.map(({ key, fold }) => ({ key, as: fold === null || fold.isOpen ? "shown" : "number" }));
+  const parts = strips.map((strip) => {
+    const { factor, unit } = shownIn(strip);
+    return { key: strip.key, label: nameOf(strip), ways: WAYS, factor: strip.risk ? null : factor, unit };
+  });
+  return createArrangement(address, "strips", usual, parts);
+}
+
+function nameOf({ symbol, label }) {
+  return [symbol, label !== symbol && label].filter(Boolean).join("  ");
+}
+
+export function layOut(host, strips, label, arrangement) {
   const keys = h("p", { class: "visually-hidden", id: `strip-chart-help-${++charts}` });
-  const rowOf = strips.map(() => ({ canvas: h("canvas", { role: "img" }), readout: h("div.readout") }));
-  const elements = strips.map(({ key, isTall }, k) => {
-    const { canvas, readout } = rowOf[k];
-    const row = h("div.strip", { "data-key": key }, h("div.strip-plot", canvas), readout);
+  const rowOf = strips.map(() => ({ canvas: h("canvas", { role: "img" }), readout: h("div.readout"), back: h("p.strip-back", { hidden: true }, "▲ hidden by the layout, shown since it exceeded its limit") }));
+  const elements = strips.map(({ key, isTall, label: name }, k) => {
+    const { canvas, readout, back } = rowOf[k];
+    const turn = button("", () => arrangement.change(key, { as: arrangement.shown(key) === "shown" ? "number" : "shown" }), { class: "strip-turn", "aria-label": `Show or fold the strip of ${name}` });
+    const row = h("div.strip", { "data-key": key }, h("div.strip-plot", canvas), readout, back, turn);
     row.classList.toggle("strip-tall", isTall);
     return row;
   });
-  const rows = h("div.strips", elements);
+  const rows = h("div.strips");
   const axis = h("canvas", { "aria-hidden": "true" });
   const mode = h("span", { class: "chip" });
   const interval = h("span", { class: "strip-interval" });
   const values = h("output", { class: "strip-cursors", "aria-live": "polite" });
   const bar = h("div", { class: "strip-toolbar" }, mode, interval, values);
-  const layout = { rows, rowOf, axis, keys, bar: { element: bar, mode, interval, values }, onfold: () => {} };
-  const folds = createFolds(strips, elements, rows, () => layout.onfold());
+  const layout = { rows, rowOf, axis, keys, arrangement, bar: { element: bar, mode, interval, values }, onchange: () => {} };
+  const foldable = strips.filter(({ fold }) => fold !== null);
+  const groups = [...Map.groupBy(foldable, ({ fold }) => fold.group)].map(([name, members]) => createGroup(name, members, arrangement));
+  const numbers = h("div.strip-readings", { role: "group", "aria-label": "Numbers" });
+  const folds = h("div.strip-folds", { role: "group", "aria-label": "Channels by group" }, numbers, groups.map(({ element }) => element));
   host.classList.add("strip-chart");
   host.tabIndex = 0;
   host.setAttribute("role", "group");
   host.setAttribute("aria-label", label);
   host.setAttribute("aria-describedby", keys.id);
-  host.toggleAttribute("data-many", folds.length > 0);
-  host.replaceChildren(...[
-    keys,
-    rows,
-    h("div", { class: "strip-axis" }, h("div", { class: "strip-plot" }, axis)),
-    folds.length > 0 && h("div.strip-folds", { role: "group", "aria-label": "Channels by group" }, folds),
-    bar,
-  ].filter(Boolean));
+  host.toggleAttribute("data-many", groups.length > 0);
+  host.replaceChildren(keys, rows, h("div", { class: "strip-axis" }, h("div", { class: "strip-plot" }, axis)), bar);
+  arrangement.subscribe(place);
+  place();
   return layout;
+
+  function place() {
+    const focused = document.activeElement;
+    const ordered = arrangement.items.map((item) => {
+      const k = strips.findIndex(({ key }) => key === item.key);
+      const as = arrangement.shown(item.key);
+      rowOf[k].back.hidden = !arrangement.isForced(item.key);
+      elements[k].style.setProperty("--size", String(item.size));
+      strips[k].axis.fix(item.range);
+      return { as, group: groups.find(({ name }) => name === strips[k].fold?.group), row: elements[k] };
+    });
+    const rowsOf = (wanted) => ordered.filter(wanted).map(({ row }) => row);
+    put(rows, rowsOf(({ as }) => as === "shown"));
+    put(numbers, rowsOf(({ as, group }) => as === "number" && group === undefined));
+    for (const each of groups) {
+      put(each.readings, rowsOf(({ as, group }) => as === "number" && group === each));
+      each.show();
+    }
+    numbers.hidden = numbers.childElementCount === 0;
+    if (numbers.hidden && groups.every(({ element }) => element.hidden)) folds.remove();
+    else if (folds.parentNode === null) bar.before(folds);
+    if (host.contains(focused) && document.activeElement !== focused) /** @type {any} */ (focused).focus({ preventScroll: true });
+    layout.onchange();
+  }
 }
 
-/** A heading for each group of strips that fold, which opens or folds all of them, and the readings of the folded ones. */
-function createFolds(strips, elements, rows, changed) {
-  const foldable = strips.map((strip, k) => ({ strip, row: elements[k] })).filter(({ strip }) => strip.fold !== null);
-  const groups = [...Map.groupBy(foldable, ({ strip }) => strip.fold.group)];
-  return groups.map(([name, members]) => foldOf(name, members));
+function put(parent, rows) {
+  if (rows.length !== parent.childElementCount || rows.some((row, k) => parent.children[k] !== row)) parent.replaceChildren(...rows);
+}
 
-  function foldOf(name, members) {
-    const heading = button("", () => turn(members, members.some(isFolded)), { class: "strip-fold" });
-    const readings = h("div.strip-readings");
-    for (const member of members) {
-      const { strip, row } = member;
-      row.append(button("", () => turn([member], isFolded(member)), { class: "strip-turn", "aria-label": `Show or fold the strip of ${strip.label}` }));
-      if (!strip.fold.isOpen) readings.append(row);
-    }
-    show();
-    return h("div.strip-group", heading, readings);
+/** A heading that opens or folds all strips of a group, and the readings of the folded ones. */
+function createGroup(name, members, arrangement) {
+  const isFolded = ({ key }) => arrangement.shown(key) === "number";
+  const heading = button("", turn, { class: "strip-fold" });
+  const readings = h("div.strip-readings");
+  const element = h("div.strip-group", heading, readings);
+  return { name, element, readings, show };
 
-    function isFolded({ row }) {
-      return row.parentNode === readings;
-    }
-
-    function turn(some, isOpen) {
-      for (const { row } of some) put(row, isOpen ? rows : readings);
-      show();
-      changed();
-    }
-
-    function show() {
-      const n = members.filter(isFolded).length;
-      heading.textContent = `${n > 0 ? "▸" : "▾"} ${name}`;
-      heading.title = n > 0 ? `Show the strips of this group: ${n}` : "Fold the strips of this group";
-      heading.setAttribute("aria-expanded", String(n === 0));
-    }
+  function turn() {
+    const as = members.some(isFolded) ? "shown" : "number";
+    for (const { key } of members) if (arrangement.shown(key) !== "hidden") arrangement.change(key, { as });
   }
 
-  /** In the order of the strips. */
-  function put(row, parent) {
-    const later = elements.slice(elements.indexOf(row) + 1);
-    parent.insertBefore(row, later.find((other) => other.parentNode === parent) ?? null);
+  function show() {
+    const n = members.filter(isFolded).length;
+    element.hidden = members.every(({ key }) => arrangement.shown(key) === "hidden");
+    heading.textContent = `${n > 0 ? "▸" : "▾"} ${name}`;
+    heading.title = n > 0 ? `Show the strips of this group: ${n}` : "Fold the strips of this group";
+    heading.setAttribute("aria-expanded", String(n === 0));
   }
 }
 

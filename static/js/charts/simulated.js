@@ -50,6 +50,10 @@ export function createSafeChoice(simulated, address, show) {
   let facts = null;
   element.hidden = simulated === null;
   if (simulated !== null) simulated.facts().then(know, fail);
+  address.follow(BAND, (text) => {
+    box.checked = text !== "off";
+    tell();
+  });
   return element;
 
   function know(given) {

@@ -71,6 +71,7 @@ export function createStrip(canvas, strip) {
     for (const band of frame.bands) drawWord(band, frame); // no word may hide the trace
     face.thresholds(frame);
     kept.draw(frame, begin, (ink, piece) => drawCells(ink, frame, over, piece));
+    if (strip.axis.beyond) face.word("OFF SCALE", frame.width - face.wide("OFF SCALE") / 2 - 4, face.height - 12, face.palette.text);
     face.flags(frame);
     face.line(frame.x(frame.now), face.palette.dim, [], 1);
     face.cursors(frame);

@@ -4,10 +4,11 @@
  * createStripChart(host, {strips, channels, source, layout, extras, steps, autostart, address, simulated, starts}) -> StripChart
  *     strips: [Strip] of channels, see strips.js.   layout: of layout.js, in the host
  *     extras: more sheets, and others with draw(frame).   address: keeps the view, see ../lib/address.js
+ *     scale: of the cross plots' axes, as for stripOf of strips.js.   panels: Arrangement of those beside the chart, see side_panels.js; without them the layout cannot be edited
  *     simulated: flights behind the flight, see simulated.js; null for none.   starts() -> [{t [s], from}] of manoeuvres
  *     steps {next, back}: what two more buttons do, keys N and P.   autostart false: draws nothing until update()
  *   update(wall) -> ms      draws now, if anything changed; returns the time it took
- *   cross                   the element of the cross plots, for the page
+ *   cross, editor           the elements of the cross plots and of the layout's editor, for the page; editor: null without panels
  *   redraw()                something changed that the source does not know of;   measure()   the layout changed
  *   setMarking(flag)        whether a drag sets A and B in place of moving the window
  *
@@ -30,9 +31,11 @@ import { dayClock, formatTime, intervalText } from "../lib/clock.js";
 import { button, h } from "../lib/dom.js";
 import { addDrawer } from "../lib/draw_loop.js";
 import { moment, shownIn } from "../lib/numbers.js";
-import { createCrossPanel } from "./cross/cross_panel.js";
+import { createCrossPanel, usualPairs } from "./cross/cross_panel.js";
 import { attachControls } from "./input.js";
 import { createSheet } from "./layout.js";
+import { createLayoutEditor } from "./layout_editor.js";
+import { presetsOf } from "./layouts.js";
 import { readPalette, watchTheme } from "./palette.js";
 import { createVectorCanvas, pictureOf, savePicture, savePixels, saveText, valuesOf } from "./picture.js";
 import { createReadings } from "./readings.js";
@@ -47,12 +50,12 @@ const DESCRIBED_EVERY = 1000; // ms
 
 export function createStripChart(host, options) {
   const { strips, channels, source, layout, extras = [], steps, autostart = true } = options;
-  const { address = createAddress(), simulated = null, starts = () => [] } = options;
+  const { address = createAddress(), simulated = null, starts = () => [], panels = null } = options;
   const { time } = source;
   let look = 0; // counts changes of size, theme, limits
   let measured = false;
   const drawn = strips.map((strip, k) => createStrip(layout.rowOf[k].canvas, strip));
-  const cross = createCrossPanel({ channels, strips, dt: source.dt, simulated, address, changed: () => (measured = false) });
+  const cross = createCrossPanel({ channels, strips, dt: source.dt, scale: options.scale, simulated, address, changed: () => (measured = false) });
   const parts = [...drawn, createTimeAxis(layout.axis), ...extras, cross];
   const sheets = parts.filter(({ canvas }) => canvas);
   const readings = createReadings(strips, layout, source);
@@ -90,7 +93,7 @@ export function createStripChart(host, options) {
     const seen = columnsNow();
     const { view, first } = seen;
     const picture = `${source.stamp()} ${time.revision} ${look}`;
-    const isRoomy = strips.some(({ axis }, k) => axis.roomy && drawn[k].width > 0);
+    const isRoomy = cross.roomy || strips.some(({ axis }, k) => axis.roomy && drawn[k].width > 0);
     if (picture !== last.picture || first !== last.first || isRoomy) draw(seen);
     const news = `${source.news()} ${time.revision} ${look}`;
     if (news !== last.news || (source.follows && wall - last.read >= READ_EVERY)) {
@@ -131,11 +134,17 @@ export function createStripChart(host, options) {
     };
   }
 
+  /** Strips that the arrangement shows so, in its order. */
+  function kept(...ways) {
+    const { items, shown } = layout.arrangement;
+    return items.filter(({ key }) => ways.includes(shown(key))).map(({ key }) => strips.find((strip) => strip.key === key));
+  }
+
   /** What is in view, drawn anew with other pens. */
   function picture() {
     const [frame, palette] = [frameOf(columnsNow()), readPalette(host)];
     const title = document.querySelector("h1")?.textContent ?? "";
-    const shown = [...strips.keys()].filter((k) => drawn[k].width > 0);
+    const shown = kept("shown").map((strip) => strips.indexOf(strip));
     const rows = shown.map((k) => ({ sheet: drawn[k], name: nameOf(strips[k]), make: (canvas) => createStrip(canvas, strips[k]) }));
     const all = [...rows, { sheet: parts[strips.length], name: "", make: createTimeAxis }];
     const sheets = all.map(({ sheet: { width, height }, name, make }) => {
@@ -156,7 +165,7 @@ export function createStripChart(host, options) {
 
   function values() {
     const { parts: [first], view } = frameOf(columnsNow());
-    return valuesOf(strips, { cells: first.cells, from: view.start, to: view.end });
+    return valuesOf(kept("shown", "number"), { cells: first.cells, from: view.start, to: view.end });
   }
 
   const controls = attachControls(host, layout, time, {
@@ -180,7 +189,9 @@ export function createStripChart(host, options) {
     button("SVG", () => savePicture(picture(), `${name()}.svg`), { ...small, "aria-label": "Save the picture as SVG" }),
     button("CSV", () => saveText(values(), `${name()}.csv`, "text/csv"), { ...small, "aria-label": "Save the values in view as CSV" }),
   ];
-  layout.bar.element.append(createViewMenu([button("Add a cross plot", cross.add, small), safeChoice, h("div.row", h("span", "Save what is seen:"), files)]));
+  const keys = channels.map(({ key }) => key);
+  const editor = panels && createLayoutEditor({ arrangement: layout.arrangement, panels, address, keys, presets: presetsOf(strips, panels, usualPairs(channels)) });
+  layout.bar.element.append(createViewMenu([editor && button("Layout", editor.toggle, small), button("Add a cross plot", cross.add, small), safeChoice, h("div.row", h("span", "Save what is seen:"), files)]));
   const remeasure = () => {
     measured = false;
     if (autostart) update();
@@ -188,7 +199,7 @@ export function createStripChart(host, options) {
   const resizing = new ResizeObserver(remeasure);
   resizing.observe(host);
   resizing.observe(layout.rows); // the tool bar takes more lines or fewer
-  layout.onfold = remeasure;
+  layout.onchange = remeasure;
   const unwatch = watchTheme(host, () => {
     setPalette();
     update(wall); // printing does not wait for a frame
@@ -198,6 +209,7 @@ export function createStripChart(host, options) {
   return {
     update,
     cross: cross.element,
+    editor: editor?.element ?? null,
     redraw: () => {
       look += 1;
     },

@@ -3,7 +3,7 @@
  *
  * Channels are as the server publishes them, see ../lib/limits.js and ../lib/numbers.js.
  *
- * stripOf(key, channels, {narrowAfter}) -> Strip     the channel, and
+ * stripOf(key, channels, {narrowAfter, spare}) -> Strip     the channel, and
  *     limits [low, high] | null  in force now, or always;   risk, axis
  *     held [{from, to, limits}] | null  limits of samples with from < t <= to [s], where they changed
  *     forecast  key of the forecast's series, or null
@@ -35,13 +35,13 @@ function shownAs(unit, decimals) {
   return { display_unit: unit, display_factor: 1, display_decimals: decimals };
 }
 
-export function stripOf(key, channels, { narrowAfter = undefined } = {}) {
+export function stripOf(key, channels, { narrowAfter = undefined, spare = undefined } = {}) {
   const risk = key === RISK.key;
   const channel = risk ? RISK : key === MARGIN ? OF_LIMITS : channels.find((candidate) => candidate.key === key);
   if (channel === undefined) throw new Error(`strip ${key} is not a channel of this flight`);
   const limits = limitsOf(channel);
   const { factor } = shownIn(channel);
-  const axis = risk ? createRiskAxis() : createValueAxis({ limits, factor, narrowAfter, isAbsolute: channel.reference === "absolute" });
+  const axis = risk ? createRiskAxis() : createValueAxis({ limits, factor, narrowAfter, spare, isAbsolute: channel.reference === "absolute" });
   return { ...channel, limits, held: null, forecast: null, beside: null, risk, axis };
 }
 

@@ -44,11 +44,13 @@ const LOGGED_OUT = "◆ The login has expired. Nothing shown is live: reload the
 
 export function showLiveFlight(element, { id, api, over, recorded = null }) {
   const path = `/flights/${encodeURIComponent(id)}`;
-  const panels = createFlightPanels(element);
+  const viewAddress = createAddress();
+  const panels = createFlightPanels(element, viewAddress);
+  const sound = panels.alone === null ? tone : createTone({ Context: null }); // the first window sounds
   const status = createStatusStrip(panels.status);
   const events = createEventList(panels.events, { go });
   const alarm = createAlarmPanel(panels.alarm, {
-    tone,
+    tone: sound,
     acknowledge: ({ id: number }) => api.post(`${path}/alarms/${number}/acknowledge`, {}),
   });
   const transport = createTransportBar(panels.transport, {
@@ -58,19 +60,18 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   const following = createFollowing(panels.transport, { lead: () => steer("lead") });
   const markers = createFlightMarkers(
     { buttons: panels.calls, events: panels.events, last: panels.marker, refused: panels.refused, entry: panels.entry },
-    { set: (marker) => api.post(`${path}/markers`, marker), now: () => display?.t ?? null, heard: ({ kind }) => tone.caution(kind), unheard: () => tone.caution() },
+    { set: (marker) => api.post(`${path}/markers`, marker), now: () => display?.t ?? null, heard: ({ kind }) => sound.caution(kind), unheard: () => sound.caution() },
   );
   const limits = createFlightLimits(panels.limits, { api, path });
   const card = createTestCard(panels.card);
   const setLine = createSetLine(panels.monitors);
   panels.transport.prepend(panels.calls);
   panels.events.prepend(panels.marker);
-  const viewAddress = createAddress();
   const scene = recorded ? besideRecording(panels.scene, recorded.beside) : createSceneFrame(panels.scene, id, viewAddress);
-  const wallView = createWall(panels.wall, panels.view, viewAddress, tone);
+  const wallView = createWall(panels.wall, panels.view, viewAddress, sound);
   const keys = { ...transport.keys, ...wallView.keys, k: alarm.acknowledgeAll, t: () => notes?.write(), v: scene.nextCamera, g: () => source?.begin() };
   const life = new AbortController();
-  bindControls(panels.status, { keys, markers, wallView }, life.signal);
+  bindControls(panels.status, { keys, markers, wallView, sound }, life.signal);
   life.signal.addEventListener("abort", addDrawer(show));
   const raised = new Set();
   let hello = null; // set together with display
@@ -280,7 +281,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   function onLive(live) {
     hello.live = live;
     setZero(...liveZero(live));
-    if (panels.problem.hidden && live.problem !== "") tone.caution();
+    if (panels.problem.hidden && live.problem !== "") sound.caution();
     source.update(live, hello);
     address.describe({ ...hello, live });
   }
@@ -341,7 +342,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     const title = `${words}${hello.name} – Forewarn`;
     if (document.title !== title) document.title = title;
     const alone = isStale(headline) && !isStale(decided) && playback.playing;
-    if (alone && !cautioned) tone.caution("stale");
+    if (alone && !cautioned) sound.caution("stale");
     cautioned = alone;
   }
 
@@ -445,12 +446,12 @@ function besideRecording(element, beside) {
 }
 
 /** Keys, their list, and the mute button. */
-function bindControls(element, { keys, markers, wallView }, signal) {
+function bindControls(element, { keys, markers, wallView, sound }, signal) {
   const open = () => openShortcuts(markers.shortcuts());
   const mute = h("button.button.button-small.mute", { type: "button" });
   const list = button([h("span.roomy", "Keys "), "?"], open, { class: "button button-small", title: "Keyboard shortcuts (key ?)", "aria-label": "Keys ?" });
   element.append(h("div.row.spread", wallView.button, mute, list));
-  bindMuteButton(mute, tone, signal);
+  bindMuteButton(mute, sound, signal);
   bindShortcuts({ ...keys, m: () => mute.click(), "?": open }, markers.keys, signal);
 }
 

@@ -1,7 +1,8 @@
 /**
  * The panels of a flight on the page, and words that several of them share.
  *
- * createFlightPanels(element) -> {name: element}     view: holds the others.   refused: of a marker that was not set
+ * createFlightPanels(element, address) -> {name: element}     view: holds the others.   refused: of a marker that was not set
+ *     arranged, alone: of ../charts/side_panels.js
  * liveZero(live)    for setZero of ../lib/clock.js
  * windowOf({duration, lead}) -> s     width of the strips; a short flight fills them
  * cautionText({kind, reason}, at)     "NOT APPLICABLE at 3.4 s: ..."; at: time in words
@@ -10,6 +11,7 @@
  * recordedFlag(alarm) -> {key, t, word} | null    mark of an exceedance as recorded, not from trim
  */
 
+import { arrangePanels, showAlone } from "../charts/side_panels.js";
 import { secondsText } from "../lib/clock.js";
 import { h } from "../lib/dom.js";
 import { quantity, riskText } from "../lib/numbers.js";
@@ -27,7 +29,7 @@ export function cautionText({ kind, reason, cause }, at = "") {
   return `${withdrawn ?? CAUTION_WORDS[kind]}${at}: ${reasonOf({ cause, reason })}`;
 }
 
-export function createFlightPanels(element) {
+export function createFlightPanels(element, address) {
   const part = (tag, name, ...children) => h(tag, { class: name }, ...children);
   const panels = {
     status: h("section", { "aria-label": "Status" }),
@@ -54,9 +56,18 @@ export function createFlightPanels(element) {
     wall: h("section.wall", { "aria-label": "Wall", hidden: true }),
   };
   const left = part("div", "strips-column", panels.alarm, panels.refused, panels.entry, panels.problem, panels.notice, panels.monitors, panels.limits, panels.address, panels.strips);
-  const right = part("div", "side-column", part("div", "scene-cell", panels.scene, panels.lost), part("section", "gauge-panel", panels.gauge, panels.rest, panels.ahead), panels.events, panels.card);
+  const scene = part("div", "scene-cell", panels.scene, panels.lost);
+  const gauge = part("section", "gauge-panel", panels.gauge, panels.rest, panels.ahead);
+  const right = part("div", "side-column", scene, gauge, panels.events, panels.card);
   panels.view = part("div", "flight", h("h1", { class: "visually-hidden" }, "Flight"), panels.status, part("div", "fly", left, right), panels.transport, panels.wall);
   element.replaceChildren(panels.view);
+  panels.arranged = arrangePanels(address, right, {
+    scene: { label: "Scene", element: scene },
+    gauge: { label: "Gauge", element: gauge },
+    events: { label: "Events", element: panels.events },
+    card: { label: "Test card", element: panels.card },
+  });
+  panels.alone = showAlone(panels.view, address);
   return panels;
 }
 

@@ -48,10 +48,10 @@ const MOST = 100_000; // samples of a record that are drawn
 
 export function showFlightRecord(element, { flight, why, reopen, api, navigate }) {
   const path = `/flights/${encodeURIComponent(flight.id)}`;
-  const panels = createFlightPanels(element);
+  const address = createAddress();
+  const panels = createFlightPanels(element, address);
   element.dataset.flight = "over";
   const status = createStatusStrip(panels.status);
-  const address = createAddress();
   const wall = createWall(panels.wall, panels.view, address);
   const life = new AbortController();
   bindShortcuts(wall.keys, {}, life.signal);
@@ -204,10 +204,10 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
     panels.strips.replaceChildren();
     chart = createFlightChart(panels.strips, {
       channels, alertAbove, lead, dt, seconds: windowOf({ duration: last - first, lead }),
-      address, beside: flight.monitors[1]?.name, simulated: flight.monitor_set === null ? createSimulated(api, flight.monitor) : null,
+      address, panels: panels.arranged, beside: flight.monitors[1]?.name, simulated: flight.monitor_set === null ? createSimulated(api, flight.monitor) : null,
       starts: createStarts({ api, source: flight.source, live: () => flight.live, start: first }),
     });
-    panels.strips.after(chart.cross);
+    panels.strips.after(chart.editor, chart.cross);
     chart.setTransport({ playing: false, speed: 1 });
     chart.setLimits(channels, held);
     chart.push(frames);

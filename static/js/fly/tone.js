@@ -7,7 +7,7 @@
  * A browser blocks sound until the user touches the page. The mute button shows that state (`blocked`): a
  * crew must know that an alert would make no sound.
  *
- * createTone({Context}) -> Tone     Context: AudioContext
+ * createTone({Context}) -> Tone     Context: AudioContext, or null for silence
  *   start(callout), stop()    sound the alert, again and again, until its acknowledgement
  *   caution(callout)     the steady tone, once; while it or a warning sounds, the word alone
  *   setMuted(boolean), setVoice(boolean), unlock()    unlock must be called from a click or key
@@ -60,7 +60,7 @@ export function createTone({ Context = globalThis.AudioContext } = {}) {
     sounding: false,
     warning: "", // callout of the one that sounds
     get state() {
-      if (Context === undefined) return "unavailable";
+      if (!Context) return "unavailable";
       if (tone.muted) return "muted";
       return context !== null && context.state === "running" ? "on" : "blocked";
     },
@@ -81,7 +81,7 @@ export function createTone({ Context = globalThis.AudioContext } = {}) {
   }
 
   function prepare() {
-    if (context !== null || Context === undefined) return context !== null;
+    if (context !== null || !Context) return context !== null;
     context = new Context();
     context.addEventListener("statechange", changed);
     volume = context.createGain();

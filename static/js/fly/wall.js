@@ -45,6 +45,7 @@ export function createWall(element, view, address, tone = null) {
   if (tone !== null) life.signal.addEventListener("abort", tone.subscribe(showSound));
   showSound();
   set(address.get(NAME) !== null);
+  address.follow(NAME, (text) => open(text !== null));
 
   const isOpen = () => !element.hidden;
 
@@ -54,12 +55,16 @@ export function createWall(element, view, address, tone = null) {
     if (open && last !== null) draw(last);
   }
 
-  function turn(open) {
-    if (open === isOpen()) return;
-    address.set(NAME, open ? "" : null);
+  function turn(wanted) {
+    if (wanted === isOpen()) return;
+    address.set(NAME, wanted ? "" : null);
     address.write();
-    set(open);
-    if (open) document.documentElement.requestFullscreen?.().catch(() => {}); // refused: it fills the window
+    open(wanted);
+  }
+
+  function open(wanted) {
+    set(wanted);
+    if (wanted) document.documentElement.requestFullscreen?.().catch(() => {}); // refused: it fills the window
     else if (document.fullscreenElement) document.exitFullscreen();
   }
 

@@ -3,6 +3,7 @@
  *
  * createAddress() -> Address     of the view that is open
  *   get(name) -> text | null, set(name, text | null)     null leaves it out.   write()     at once, not after a rest
+ *   follow(name, apply)    apply(text | null) when put() changes it;   put({name: text | null})
  * keepWindow(address, time)    restores window and cursors of a TimeWindow (../charts/time_window.js), then keeps them
  */
 
@@ -24,6 +25,7 @@ export function createAddress() {
   const [path, search = ""] = partsNow();
   const shown = new URLSearchParams(search);
   const changes = new Map();
+  const followers = new Map();
   const mine = opened;
   let timer = 0;
 
@@ -34,7 +36,7 @@ export function createAddress() {
     const query = new URLSearchParams(partsNow()[1]);
     for (const [name, text] of changes) text === null ? query.delete(name) : query.set(name, text);
     changes.clear();
-    const text = query.toString().replaceAll("%3A", ":").replaceAll("%2C", ",").replace(/=(?=&|$)/g, "");
+    const text = query.toString().replaceAll("%3A", ":").replaceAll("%2C", ",").replaceAll("%40", "@").replace(/=(?=&|$)/g, "");
     history.replaceState(history.state, "", text ? `${path}?${text}` : path);
   }
 
@@ -48,7 +50,14 @@ export function createAddress() {
     pending = write;
   }
 
-  return { get: (name) => shown.get(name), set, write };
+  function put(values) {
+    const changed = Object.entries(values).filter(([name, text]) => shown.get(name) !== text);
+    for (const [name, text] of changed) set(name, text);
+    write();
+    for (const [name, text] of changed) followers.get(name)?.(text);
+  }
+
+  return { get: (name) => shown.get(name), set, write, put, follow: (name, apply) => followers.set(name, apply) };
 }
 
 export function keepWindow(address, time) {

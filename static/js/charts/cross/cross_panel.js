@@ -1,10 +1,12 @@
 /**
  * Cross plots beside the strips: the user adds and removes them, and chooses the two channels of each.
  *
- * createCrossPanel({channels, strips, dt, simulated, address, changed}) -> CrossPanel
- *     strips: of the chart, whose limits are drawn.   simulated: of ../simulated.js, or null
+ * createCrossPanel({channels, strips, dt, scale, simulated, address, changed}) -> CrossPanel
+ *     strips: of the chart, whose limits are drawn.   scale: of the axes, as for stripOf of ../strips.js   simulated: of ../simulated.js, or null
  *     address: keeps the choice, see ../../lib/address.js.   changed(): plots were added, removed or exchanged
+ * usualPairs(channels) -> [[across, up]]     those of the field among these channels
  *   element, add()
+ *   roomy      whether an axis will narrow
  *   measure(), setPalette(palette), draw(frame)     as a part of ../strip_chart.js
  */
 
@@ -26,7 +28,12 @@ const DESCRIBED_EVERY = 1000; // ms
 /** "Ny lateral acceleration": an option has no subscripts. */
 const nameOf = (channel) => piecesOf(channelName(channel)).flat().join("");
 
-export function createCrossPanel({ channels, strips, dt, simulated, address, changed }) {
+export function usualPairs(channels) {
+  const known = new Set(channels.map(({ key }) => key));
+  return USUAL.filter((pair) => pair.every((key) => known.has(key)));
+}
+
+export function createCrossPanel({ channels, strips, dt, scale = {}, simulated, address, changed }) {
   const held = h("div.cross-plots");
   const trailSelect = h("select", { "aria-label": "Length of the trail", onchange: () => setTrail(Number(trailSelect.value)) }, TRAILS.map((seconds) => h("option", { value: seconds }, `${seconds} s`)));
   const bar = h("div.cross-bar", h("h2.cross-title", "Cross plots"), h("label.row", h("span.dim", "trail"), trailSelect), button("Add", add, { class: "button button-small", "aria-label": "Add a cross plot" }));
@@ -34,6 +41,11 @@ export function createCrossPanel({ channels, strips, dt, simulated, address, cha
   const known = new Set(channels.map(({ key }) => key));
   let seconds = TRAILS.find((each) => String(each) === address.get(TRAIL)) ?? USUAL_TRAIL;
   let plots = pairsOf(address.get(CROSS)).map(plotOf);
+  address.follow(CROSS, (text) => {
+    plots = pairsOf(text).map(plotOf);
+    show();
+  });
+  address.follow(TRAIL, (text) => setTrail(Number(text ?? USUAL_TRAIL)));
   show();
 
   function pairsOf(text) {
@@ -52,8 +64,7 @@ export function createCrossPanel({ channels, strips, dt, simulated, address, cha
     const first = channels.filter(({ role }) => role === "control").concat(channels);
     const limited = channels.filter(isLimited).concat(channels);
     const any = limited.flatMap((up) => first.filter(({ key }) => key !== up.key).map((across) => [across.key, up.key]));
-    const usual = USUAL.filter((pair) => pair.every((key) => known.has(key)));
-    return [...usual, ...any].find((pair) => !taken.includes(String(pair))) ?? any[0] ?? [channels[0].key, channels[0].key];
+    return [...usualPairs(channels), ...any].find((pair) => !taken.includes(String(pair))) ?? any[0] ?? [channels[0].key, channels[0].key];
   }
 
   function plotOf(pair) {
@@ -73,8 +84,9 @@ export function createCrossPanel({ channels, strips, dt, simulated, address, cha
     return plot;
   }
 
-  function drawingOf({ pair }, canvas) {
-    const [x, y] = pair.map((key) => stripOf(key, channels));
+  function drawingOf(plot, canvas) {
+    const [x, y] = plot.pair.map((key) => stripOf(key, channels, scale));
+    plot.axes = [x.axis, y.axis];
     return createCrossPlot(canvas, { x, y, dt });
   }
 
@@ -107,7 +119,7 @@ export function createCrossPanel({ channels, strips, dt, simulated, address, cha
   }
 
   function setTrail(wanted) {
-    seconds = wanted;
+    seconds = TRAILS.find((each) => each === wanted) ?? USUAL_TRAIL;
     show();
   }
 
@@ -156,5 +168,8 @@ export function createCrossPanel({ channels, strips, dt, simulated, address, cha
       for (const { drawing } of plots) drawing.setPalette(given);
     },
     draw,
+    get roomy() {
+      return plots.some(({ axes }) => axes.some((axis) => axis.roomy));
+    },
   };
 }

@@ -13,7 +13,7 @@
  *     beside       name of the first monitor for display, whose risk is drawn dashed; default: none
  *     timeline     one to share with other charts
  *     autostart true                  false: nothing is drawn until update() is called
- *     address, simulated, starts      see ../strip_chart.js
+ *     address, panels, simulated, starts      see ../strip_chart.js
  *
  * FlightChart
  *   push(frames, wall)              [{t, y, p_value, alert, state, y_hat, seq, ahead}]; y and y_hat by channel order
@@ -29,18 +29,19 @@
  *     {made, t: [s], channels: {key: {low, high, predicted, possible}}, peak, why}
  *     made: time of the sample it was made by [s].   peak: {mean, low, high}, shares of the limit, of
  *     monitors that forecast only the peak, without t and channels.   why: reason without a forecast
- *   cross                           see ../strip_chart.js
+ *   cross, editor                   see ../strip_chart.js
  *   newest                          time of the newest sample that is drawn [s]; null for none
  *
  * aheadOf(known, frames, newest) -> ahead | null    of the newest frame that has one, else the known one while it is current
  * isCurrent(ahead, t)    whether it was made by the sample at t [s] or shortly before
  */
 
+import { createAddress } from "../../lib/address.js";
 import { secondsText } from "../../lib/clock.js";
 import { limitsByKey, limitsOf, widest } from "../../lib/limits.js";
 import { leadSeconds, quantity, reading } from "../../lib/numbers.js";
 import { STATE_WORDS, stripState, WITHDRAWN } from "../../lib/states.js";
-import { layOut } from "../layout.js";
+import { layOut, stripArrangement } from "../layout.js";
 import { createStripChart } from "../strip_chart.js";
 import { arranged, hasMargin, isSummary, limitedFirst, MARGIN, marginAt, single, stripOf } from "../strips.js";
 import { bandsOf, createCells } from "./cells.js";
@@ -68,7 +69,7 @@ export function isCurrent(ahead, t) {
 }
 
 export function createFlightChart(host, options) {
-  const { channels, seconds = 60, history = 180_000 } = options;
+  const { channels, seconds = 60, history = 180_000, address = createAddress() } = options;
   const { alertAbove = NaN, lead = 0, dt = 0.02 } = options;
   const timeline = options.timeline ?? createTimeline({ seconds, lead, dt });
   const strips = arrange(options);
@@ -79,8 +80,9 @@ export function createFlightChart(host, options) {
   const ring = createRingBuffer({ series: keys.length, capacity: history });
   const intake = createIntake({ ring, channels, strips, dt });
   const source = createSource({ strips, ring, seriesOf, intake, timeline, alertAbove, lead, dt });
-  const layout = layOut(host, strips, "Strip charts");
-  const chart = createStripChart(host, { ...options, strips, source, layout });
+  const arrangement = stripArrangement(address, strips);
+  const layout = layOut(host, strips, "Strip charts", arrangement);
+  const chart = createStripChart(host, { ...options, address, strips, source, layout });
   const { redraw } = chart;
 
   function push(given, wall = performance.now()) {
@@ -108,6 +110,7 @@ export function createFlightChart(host, options) {
     timeline,
     ring,
     cross: chart.cross,
+    editor: chart.editor,
     trail: source.trail,
     push,
     setLimits,
@@ -133,6 +136,7 @@ export function createFlightChart(host, options) {
     },
     latch: (given) => {
       source.latched = given;
+      arrangement.force(given.map(({ channel }) => channel));
       redraw();
     },
     setTransport: timeline.setTransport,

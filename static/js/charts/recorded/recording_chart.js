@@ -12,8 +12,9 @@
  *                 manoeuvres: [{start, end, withdrawn}] of its manoeuvres in the chart's time, or null
  *     held        [{start, end, limits}]    limits by key in force from start to end, null if unknown;
  *                 by default the channels' own
+ *     exceeded    keys of channels that exceeded a limit: their strips are never hidden
  *     flags       [{key, t, word}]    moments that are marked in a channel's strip
- *     simulated, starts     see ../strip_chart.js
+ *     simulated, starts, address, panels     see ../strip_chart.js
  *     chosen(item)      a manoeuvre or marker of the lane was pressed
  *     went(event)       the reader asked for an event; by default its time is brought into view
  *
@@ -31,7 +32,7 @@ import { intervalText } from "../../lib/clock.js";
 import { button, h } from "../../lib/dom.js";
 import { limitsByKey, widest } from "../../lib/limits.js";
 import { durationText, formatValue, shownIn } from "../../lib/numbers.js";
-import { layOut } from "../layout.js";
+import { layOut, stripArrangement } from "../layout.js";
 import { NOTHING, rangeText } from "../readings.js";
 import { createStripChart } from "../strip_chart.js";
 import { arranged, hasMargin, isSummary, limitedFirst, MARGIN, marginAt, stripOf } from "../strips.js";
@@ -40,7 +41,7 @@ import { bandsOf, between, cellsOf } from "./cells.js";
 import { createOverviewBar } from "./overview_bar.js";
 import { createTileCache } from "./tiles.js";
 
-const NARROW_AFTER = 400; // ms until an axis that is too wide narrows
+const SCALE = { narrowAfter: 400, spare: 1 }; // ms until an axis narrows to what is in view: a link shows the same
 const EDGE = 0.03; // share of the window; an event nearer to its edge is moved inside
 const ROW = 1.625; // rem
 const THIN = 16; // px a manoeuvre below which only its bar is seen
@@ -54,18 +55,20 @@ export function createRecordingChart(host, options) {
   const dt = Math.min(...sources.map((source) => source.dt));
   const width = Math.max(end - start, 1e-3);
   const timeWindow = createTimeWindow({ width, least: Math.min(width, 20 * dt), start, end: start + width });
-  const address = createAddress();
+  const { address = createAddress(), exceeded = [] } = options;
   keepWindow(address, timeWindow);
   const order = options.order ?? usualOrder(options.channels);
   const strips = arranged(
-    order.map((key) => withHeld(stripOf(key, options.channels, { narrowAfter: NARROW_AFTER }), options.held)),
+    order.map((key) => withHeld(stripOf(key, options.channels, SCALE), options.held)),
   );
-  const layout = layOut(host, strips, label);
+  const arrangement = stripArrangement(address, strips);
+  arrangement.force(exceeded);
+  const layout = layOut(host, strips, label, arrangement);
   const { lane: laneHost, overview, fail } = layOutMore(host, layout);
   const lane = createEventLane(laneHost, { chosen: (item) => options.chosen?.(item) });
   const source = createSource(sources, { ...options, strips, timeWindow, dt, end, fail });
   const key = order.includes("risk") ? "risk" : strips[0].key;
-  const bar = createOverviewBar(overview, stripOf(key, options.channels, { narrowAfter: NARROW_AFTER }), {
+  const bar = createOverviewBar(overview, stripOf(key, options.channels, SCALE), {
     timeWindow,
     start,
     end,
@@ -74,6 +77,7 @@ export function createRecordingChart(host, options) {
   });
   const chart = createStripChart(host, {
     ...options,
+    scale: SCALE,
     strips,
     source,
     layout,
@@ -107,6 +111,7 @@ export function createRecordingChart(host, options) {
   return {
     window: timeWindow,
     cross: chart.cross,
+    editor: chart.editor,
     setCursor,
     setLane: (items) => {
       lane.show(items);

@@ -54,10 +54,11 @@ export function createAssessmentDisplay(panels, { hello, api, path, alarm, event
     timeline,
     address,
     beside: hello.monitors[1]?.name,
+    panels: panels.arranged,
     simulated: hello.monitor_set ? null : createSimulated(api, hello.monitors[0].id),
     starts: createStarts({ api, source: hello.source, live: () => hello.live, start: hello.transport.start }),
   });
-  panels.strips.after(chart.cross);
+  panels.strips.after(chart.editor, chart.cross);
   keepWindow(address, timeline);
   let assessment = { state: null, reason: "", cause: null };
   let newest = null; // frame

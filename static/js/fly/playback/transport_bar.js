@@ -14,7 +14,7 @@
  */
 
 import { may, needs } from "../../lib/api.js";
-import { secondsText } from "../../lib/clock.js";
+import { dayClock, formatTime, secondsText } from "../../lib/clock.js";
 import { errorLine, h, put } from "../../lib/dom.js";
 
 const STEER = "POST /flights/{}/transport";
@@ -146,8 +146,9 @@ export function createTransportBar(element, { act, end }) {
   function showTime() {
     const { start, duration } = transport;
     const t = sought ?? drawn;
-    const words = t === null ? "–" : `${sought === null ? "" : "→ "}${secondsText(t)}`;
-    put(time, duration === null ? words : `${words} / ${secondsText(start + duration)}`);
+    const unit = dayClock() === null ? " s" : "";
+    const words = t === null ? "–" : `${sought === null ? "" : "→ "}${formatTime(t, 0.01)}`;
+    put(time, duration === null ? `${words}${unit}` : `${words} / ${secondsText(start + duration)}`);
     time.title = sought === null ? "Time of the newest sample shown" : "Seeking: its samples have not arrived yet";
     slider.setAttribute("aria-valuetext", t === null ? "no sample shown" : secondsText(t));
     if (!dragging && sought === null) slider.value = String(drawn ?? start);

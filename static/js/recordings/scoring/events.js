@@ -3,6 +3,7 @@
  *
  * eventsOf(scoring) -> [{t, text, level, manoeuvre}]     manoeuvre: its number; undefined outside every manoeuvre
  * flagsOf(scoring)    exceedances in the values as recorded only.   limitsInForceOf(scoring): null without a limit set
+ * exceededIn(scoring) -> keys of the channels that exceeded a limit, in a manoeuvre or outside
  * manoeuvresOf(scoring, offset) -> [{start, end, withdrawn, silent}]     withdrawn: its time, or null
  * scoringStarts(scoring) -> [{t, from}]     of manoeuvres, not of a recording as a whole; see ../../fly/manoeuvre_starts.js
  */
@@ -61,6 +62,11 @@ export function scoringStarts({ request, manoeuvres }) {
 export function flagsOf({ manoeuvres }) {
   const raw = manoeuvres.map(({ recorded_exceedance: exceedance }) => exceedance).filter(Boolean);
   return raw.map(({ t, channel }) => ({ key: channel, t, word: AS_RECORDED }));
+}
+
+export function exceededIn({ manoeuvres, outside_exceedances: outside }) {
+  const all = [...manoeuvres.flatMap(({ exceedance, recorded_exceedance: raw }) => [exceedance, raw]), ...outside];
+  return [...new Set(all.filter(Boolean).map(({ channel }) => channel))];
 }
 
 export function limitsInForceOf({ limits_in_force: inForce }, offset = 0) {

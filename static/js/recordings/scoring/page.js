@@ -1,8 +1,10 @@
 /** One scoring: strips, events, verdicts and notes, with replay, report and export. */
 
 import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
+import { arrangePanels, showAlone } from "../../charts/side_panels.js";
 import { createSimulated } from "../../charts/simulated.js";
 import { foldedPanel } from "../../forms/controls.js";
+import { createAddress } from "../../lib/address.js";
 import { needs } from "../../lib/api.js";
 import { setZero } from "../../lib/clock.js";
 import {
@@ -28,7 +30,7 @@ import { isWithUnit } from "../mapping/signal_select.js";
 import { createNotesPanel, laneOfMarkers } from "../notes_panel.js";
 import { createTrainingOffer } from "../training_offer.js";
 import { alertRule, NO_CLOCK, outcomeChip, outsideChip, trimText } from "../words.js";
-import { eventsOf, flagsOf, laneOf, limitsInForceOf, manoeuvresOf, scoringStarts } from "./events.js";
+import { eventsOf, exceededIn, flagsOf, laneOf, limitsInForceOf, manoeuvresOf, scoringStarts } from "./events.js";
 import { scoringSource, TRIM_SEGMENT } from "./source.js";
 import { createVerdictTable } from "./verdict_table.js";
 
@@ -57,7 +59,14 @@ export function showScoring(element, { id, query, api, navigate }) {
     });
     for (const event of [...events].reverse()) log.add(event);
     const verdicts = createVerdictTable(scoring, { show: visitManoeuvre });
+    const address = createAddress();
+    const noted = h("div.scored-notes");
+    const side = h("div.scored-side", list, noted);
+    const panels = arrangePanels(address, side, { events: { label: "Events", element: list }, notes: { label: "Notes and markers", element: noted } });
     const chart = createRecordingChart(host, {
+      address,
+      panels,
+      exceeded: exceededIn(scoring),
       channels: scoring.channels,
       sources: [{ ...scoringSource(api, scoring), manoeuvres: manoeuvresOf(scoring) }],
       alertAbove: scoring.alert_above,
@@ -70,12 +79,15 @@ export function showScoring(element, { id, query, api, navigate }) {
       went: visit,
     });
     keep({ close: chart.destroy });
+    const scored = h("div.scored", h("div.stack-tight", host, chart.editor, chart.cross), side);
+    showAlone(scored, address);
     const notes = createNotesPanel({ api, recording: id, place, go: (t) => visit({ t }), changed: showMarkers });
     keep({ close: chart.window.subscribe(notes.moved) });
     host.addEventListener("keydown", (event) => {
       const isPlain = !event.ctrlKey && !event.metaKey && event.target === host;
       if (isPlain && event.key.toLowerCase() === "m") notes.quick();
     });
+    noted.append(notes.element);
     notes.load();
     chart.setEvents(events);
     const none = empty(
@@ -89,7 +101,7 @@ export function showScoring(element, { id, query, api, navigate }) {
       actions({ api, navigate }, scoring, display),
       summary(scoring),
       display.element,
-      h("div.scored", h("div.stack-tight", host, chart.cross), h("div.scored-side", list, notes.element)),
+      scored,
       panel(
         ["Outcome of each manoeuvre ", guideLink("what-the-numbers-mean#after-the-flight", "outcomes after the flight")],
         manoeuvres.length ? verdicts.element : none,

@@ -1,0 +1,265 @@
+"""Layouts: strips and panels arranged, shared by link, name and file, alone in a second window."""
+
+import json
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Locator, Page, expect
+
+from core.monitor import Monitor
+from tests.browser.chromium import violations, watch_errors
+from tests.browser.recorded_site import RecordedSite, open_recorded_site
+from tests.browser.recordings.test_scoring_page import SCENE
+from tests.browser.test_time_of_day import dated, scored
+from tests.browser.window import SIZE
+
+KEYS = ["Ny", "risk", "beta", "p", "r", "delta_a", "delta_r"]
+"""Strips of a scoring, from top to bottom."""
+DRAWN = """() => [...document.querySelectorAll("canvas")].map((canvas) => canvas.toDataURL())"""
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory, attas: Monitor) -> Iterator[RecordedSite]:
+    with open_recorded_site(tmp_path_factory.mktemp("layouts"), attas) as site:
+        yield site
+
+
+@pytest.fixture(scope="module")
+def scoring(site: RecordedSite) -> str:
+    """Address of a scoring with the time of day, whose N_y exceeds its limit."""
+    return scored(site, dated(site.file))
+
+
+def keys_of(page: Page, place: str = ".strips") -> list[str | None]:
+    return [strip.get_attribute("data-key") for strip in page.locator(f"{place} > .strip").all()]
+
+
+def edit(page: Page) -> Locator:
+    """Open the editor of the layout, by the keyboard."""
+    page.locator(".view-menu summary").press("Enter")
+    page.get_by_role("button", name="Layout").press("Enter")
+    editor = page.get_by_role("region", name="Layout")
+    expect(editor.get_by_role("button", name="Close")).to_be_focused()
+    return editor
+
+
+def part(editor: Locator, key: str) -> Locator:
+    return editor.locator(f'[data-part="{key}"]')
+
+
+def opened(page: Page, address: str) -> Page:
+    page.goto(address)
+    expect(page.locator(".strip").first).to_be_visible()
+    return page
+
+
+def test_strips_are_hidden_moved_sized_and_scaled_by_the_keyboard(
+    own_page: Page, scoring: str
+) -> None:
+    page = opened(own_page, scoring)
+    assert keys_of(page) == KEYS
+    editor = edit(page)
+    part(editor, "p").get_by_label("Show").select_option("hidden")
+    part(editor, "r").get_by_label("Show").select_option("number")
+    up = part(editor, "delta_r").get_by_label("Move")
+    up.first.press("Enter")
+    expect(up.first).to_be_focused()
+    part(editor, "beta").get_by_label("Size").select_option("double")
+    low, high = part(editor, "beta").locator("input").all()
+    low.fill("-30")
+    high.fill("10")
+    high.press("Tab")
+    assert keys_of(page) == ["Ny", "risk", "beta", "delta_r", "delta_a"]
+    assert keys_of(page, ".strip-readings") == ["r"]
+    heights = [page.locator(f'.strip[data-key="{key}"]').bounding_box() for key in KEYS[2::4]]
+    assert heights[0]["height"] == pytest.approx(2 * heights[1]["height"], rel=0.2)  # pyright: ignore[reportOptionalSubscript]
+    expect(page).to_have_url(re.compile(r"strips=Ny,risk,beta\*2@-0\.52\d+:0\.17\d+,\.r,delta_r"))
+    high.fill("-40")
+    high.press("Tab")
+    expect(editor.get_by_role("alert")).to_contain_text("−30 to −40 was given")
+    for theme in ("light", "dark"):
+        page.emulate_media(color_scheme=theme)
+        assert violations(page) == [], theme
+    editor.get_by_role("button", name="Desk").press("Enter")
+    assert keys_of(page) == KEYS
+    expect(page).not_to_have_url(re.compile("strips="))
+    page.keyboard.press("Escape")
+    expect(editor).to_be_hidden()
+
+
+def test_the_strip_of_an_exceeding_channel_is_never_hidden(own_page: Page, scoring: str) -> None:
+    page = opened(own_page, f"{scoring}&strips=risk,.Ny")
+    assert keys_of(page) == ["risk", "Ny"]
+    expect(page.locator('.strip[data-key="Ny"] .strip-back')).to_contain_text("exceeded its limit")
+    page.goto(f"{scoring}&strips=beta")
+    page.reload()
+    expect(page.locator('.strips > [data-key="Ny"]')).to_be_visible()
+    assert set(keys_of(page)) == {"beta", "Ny"}
+    expect(part(edit(page), "Ny")).to_contain_text("exceeded its limit: shown")
+
+
+def test_a_value_outside_a_fixed_scale_and_a_limit_are_never_lost(
+    own_page: Page, scoring: str
+) -> None:
+    page = opened(own_page, f"{scoring}&strips=Ny@-0.01:0.01,delta_r@0:0.001")
+    page.locator(".view-menu summary").click()
+    with page.expect_download() as saved:
+        page.get_by_role("button", name="as SVG").click()
+    picture = Path(saved.value.path()).read_text()
+    assert {">+0.2<", ">−0.2<", ">OFF SCALE<"} <= set(re.findall(r">[^<>]+<", picture))
+
+
+def test_a_link_shows_the_same_picture_in_a_fresh_browser(
+    own_page: Page, browser: Browser, scoring: str
+) -> None:
+    page = opened(own_page, scoring)
+    editor = edit(page)
+    editor.get_by_role("button", name="Analysis").click()
+    part(editor, "p").get_by_label("Show").select_option("hidden")
+    part(editor, "events").get_by_label("Move").first.press("Enter")
+    part(editor, "notes").get_by_label("Show").select_option("hidden")
+    editor.get_by_role("button", name="Close").click()
+    page.get_by_role("button", name=re.compile("^Units")).click()
+    page.get_by_role("button", name=re.compile("^Time")).click()
+    chart = page.locator(".strip-chart")
+    chart.focus()
+    for key in ("Home", "ArrowRight", "a", "Shift+ArrowRight", "b", "+"):
+        page.keyboard.press(key)
+    expect(page).to_have_url(re.compile(r"(?=.*units=)(?=.*time=day)(?=.*cross=)(?=.*&b=)"))
+    fresh = browser.new_context(viewport=SIZE, color_scheme="dark").new_page()  # pyright: ignore[reportArgumentType]
+    errors = watch_errors(fresh)
+    opened(fresh, page.url)
+    for shown in (".strip-interval", ".strip-cursors", ".event-time >> nth=0", "#units", "#time"):
+        expect(fresh.locator(shown)).to_have_text(page.locator(shown).inner_text())
+    assert keys_of(fresh) == keys_of(page)
+    page.mouse.move(0, 0)
+    for seen in (page, fresh):
+        seen.wait_for_load_state("networkidle")
+    until_equal(lambda: page.evaluate(DRAWN), lambda: fresh.evaluate(DRAWN), fresh)
+    assert fresh.url == page.url
+    assert errors == []
+    fresh.context.close()
+
+
+def until_equal(first: Callable[[], Any], second: Callable[[], Any], page: Page) -> None:
+    for _ in range(100):
+        if first() == second():
+            return
+        page.wait_for_timeout(100)
+    assert first() == second()
+
+
+def test_a_layout_is_kept_by_name_and_as_a_file(
+    own_page: Page, scoring: str, tmp_path: Path
+) -> None:
+    page = opened(own_page, scoring)
+    editor = edit(page)
+    part(editor, "p").get_by_label("Show").select_option("hidden")
+    editor.get_by_label("Name of the layout").fill("no roll")
+    editor.get_by_label("Name of the layout").press("Enter")
+    with page.expect_download() as saved:
+        editor.get_by_role("button", name="Save as file").click()
+    file = tmp_path / saved.value.suggested_filename
+    saved.value.save_as(file)
+    editor.get_by_role("button", name="Desk").click()
+    assert "p" in keys_of(page)
+    opened(page, scoring)
+    page.reload()
+    editor = edit(page)
+    editor.get_by_role("button", name="Open", exact=True).click()
+    assert "p" not in keys_of(page)
+    editor.get_by_role("button", name="Delete").click()
+    expect(editor.get_by_role("button", name="Open", exact=True)).to_be_hidden()
+    editor.get_by_role("button", name="Desk").click()
+    editor.get_by_label("Open a layout file").set_input_files(file)
+    expect(page.locator('.strips > [data-key="p"]')).to_have_count(0)
+    expect(editor.get_by_label("Name of the layout")).to_have_value("no roll")
+
+
+BAD = {
+    "no JSON": ("{", "no JSON"),
+    "another file": ("[1]", "no layout of Forewarn"),
+    "other channels": ({"strips": "Nz,alpha"}, "not in this view: Nz, alpha"),
+    "no strip": ({"strips": "Ny*7"}, r"Ny\*7 cannot be read"),
+    "unknown part": ({"colour": "red"}, "its colour cannot be read"),
+    "crossed": ({"cross": "Nz:beta"}, "not in this view: Nz"),
+}
+
+
+@pytest.mark.parametrize(("given", "error"), BAD.values(), ids=BAD)
+def test_a_file_that_is_no_layout_of_these_channels_gets_one_error(
+    page: Page, scoring: str, given: Any, error: str
+) -> None:
+    opened(page, scoring)
+    editor = edit(page)
+    layout = {"forewarn_layout": 1, "name": "x", "channels": [], "layout": given}
+    content = given if isinstance(given, str) else json.dumps(layout)
+    sent = {"name": "x.json", "mimeType": "application/json", "buffer": content.encode()}
+    editor.get_by_label("Open a layout file").set_input_files(sent)  # pyright: ignore[reportArgumentType]
+    expect(editor.get_by_role("alert")).to_have_text(re.compile(f"^x.json: .*{error}"))
+    assert keys_of(page) == KEYS
+    expect(page).not_to_have_url(re.compile("strips="))
+
+
+@pytest.fixture
+def flight(site: RecordedSite, allowed_errors: list[str]) -> Iterator[str]:
+    """A flight that exceeds a limit, at its end."""
+    allowed_errors.extend(SCENE)
+    source = {"kind": "simulated", "seed": 3, "outcome": "unsafe"}
+    order = {"source": source, "monitor": site.monitor, "epsilon": 0.1}
+    flight = site.ask("POST", "/flights", json=order)["id"]
+    yield flight
+    site.ask("POST", f"/flights/{flight}/end")
+
+
+def test_no_layout_hides_an_alarm_or_a_call(
+    own_page: Page, site: RecordedSite, flight: str
+) -> None:
+    page = own_page
+    page.goto(f"{site.http}/#/fly/{flight}?strips=beta&panels=gauge")
+    expect(page.locator(".event-panel")).to_be_hidden()
+    expect(page.locator('.strips > [data-key="Ny"]')).to_be_visible()
+    assert keys_of(page) == ["beta", "Ny"]
+    expect(page.locator(".alarm-panel")).to_contain_text("LIMIT EXCEEDED")
+    site.ask("POST", f"/flights/{flight}/markers", json={"kind": "abort", "by": "test conductor"})
+    expect(page.locator(".marker-last")).to_be_visible()
+    editor = edit(page)
+    assert violations(page) == []
+    editor.get_by_role("button", name="Minimal").click()
+    assert set(keys_of(page)) == {"Ny", "risk"}
+    part(editor, "gauge").get_by_label("Show").select_option("hidden")
+    expect(page.locator(".marker-last")).to_be_visible()
+    editor.get_by_role("button", name="Wall").click()
+    expect(page.locator(".wall-state")).to_be_visible()
+    page.keyboard.press("w")
+    editor.get_by_role("button", name="Desk").click()
+    expect(page.locator(".event-panel .event").first).to_be_visible()
+
+
+def test_a_panel_in_a_second_window_tells_of_alarm_and_end(
+    own_page: Page, site: RecordedSite, flight: str
+) -> None:
+    page = own_page
+    page.goto(f"{site.http}/#/fly/{flight}")
+    editor = edit(page)
+    windows = editor.get_by_role("group", name="In a second window")
+    for name, seen, away in (
+        ("Strips", ".strip-chart", ".gauge-panel"),
+        ("Gauge", ".gauge-dial", ".strip-chart"),
+    ):
+        with page.context.expect_page() as opened:
+            windows.get_by_role("button", name=name).click()
+        second = opened.value
+        expect(second.locator(seen)).to_be_visible()
+        for hidden in (away, ".masthead", ".transport"):
+            expect(second.locator(hidden)).to_be_hidden()
+        expect(second.locator(".alarm-panel")).to_contain_text("LIMIT EXCEEDED")
+        assert violations(second) == []
+        if name == "Strips":
+            second.close()
+    site.ask("POST", f"/flights/{flight}/end")
+    expect(second.locator(".notice")).to_contain_text("This flight was ended")
+    second.close()
