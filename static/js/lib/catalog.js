@@ -31,8 +31,8 @@ export function aircraftName(catalog, part) {
 }
 
 /** The catalog's recipe of a simulated test: that of its aircraft. */
-export function testRecipe({ families, recipes }, { aircraft } = {}) {
-  return aircraft?.kind in families.nonlinear_aircraft.entries ? recipes.nonlinear : recipes.dataset;
+export function testRecipe({ families, recipes }, test = null) {
+  return test?.aircraft?.kind in families.nonlinear_aircraft.entries ? recipes.nonlinear : recipes.dataset;
 }
 
 export function kindName(catalog, family, part) {

@@ -18,7 +18,7 @@ from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
 from core.planned_test.collection import DatasetRecipe, card_of, collect, evaluation_flights
-from core.planned_test.planned_test import Rollouts
+from core.simulation.simulator import Rollouts
 
 RECIPE = DatasetRecipe(n_unsafe=100, seed=3)
 AHEAD = MonitorRecipe(
