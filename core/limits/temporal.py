@@ -63,6 +63,13 @@ class Node:
     text: str = ""
 
     @property
+    def is_of_start(self) -> bool:
+        """Whether a comparison in it is judged at the beginning of a flight alone."""
+        return self.kind == "holds" or (
+            self.kind in ("not", "and") and any(part.is_of_start for part in self.parts)
+        )
+
+    @property
     def negated(self) -> "Node":
         return self.parts[0] if self.kind == "not" else Node("not", (self,))
 
@@ -80,7 +87,13 @@ class Requirement:
     @classmethod
     def parse(cls, text: str, keys: Sequence[str]) -> "Requirement":
         """keys: of the channels.   FormulaError."""
-        return cls(text.strip(), _Parser(text, keys).requirement())
+        node = _Parser(text, keys).requirement()
+        if node.is_of_start:
+            raise FormulaError(
+                f"{text!r}: a comparison is outside of always, eventually and until, so only the "
+                "beginning of a flight would be judged: write always (...)"
+            )
+        return cls(text.strip(), node)
 
     @cached_property
     def formula(self) -> str | None:

@@ -148,6 +148,7 @@ class NoStore:
         self.chunks: list[tuple[Any, ...]] = []
         self.notes: list[tuple[Any, ...]] = []
         self.failures = 0
+        self.ownership = None
 
     def append(self, *chunk: Any) -> None:
         self._fail()

@@ -50,7 +50,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   const text = h("span", { class: "alarm-text" });
   const button = h("button", { type: "button", class: "button", title: "Acknowledge (key K)", onclick: acknowledgeAll, ...needs("POST /flights/{}/alarms/{}/acknowledge") }, "Acknowledge [K]");
   const banner = h("div", { class: "alarm-banner", role: "alert", hidden: true }, text, button);
-  const quiet = h("strong", {}, "No unacknowledged alarms. ");
+  const quiet = h("strong", {}, "◆ Alarms not known yet. ");
   const promise = h("span", {});
   const calm = h("p", { class: "alarm-calm" }, quiet, promise);
   const failure = errorLine();

@@ -18,7 +18,7 @@ const FIRST = "–";
 
 const ROWS = [
   ["Samples assessed", ({ assessed }) => count(assessed)],
-  ["Alerts at", ({ alerts }) => listText(alerts.map(secondsText), "none")],
+  ["Alerts at", ({ alerts }) => listText(alerts.map((t) => secondsText(t)), "none")],
   ["Lead to the exceedance", ({ lead }) => lead],
   ["Missed", ({ missed }) => missed],
   ["Largest difference in risk from the first", ({ differences }) => (differences ? largestText(differences) : FIRST)],

@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import lfilter
 
 from app.assessment.planned_test import PlannedTest
-from app.assessment.trim import BEYOND, EXCEEDED, RESTING, CausalTrim
+from app.assessment.trim import BEGINNING, BEYOND, EXCEEDED, RESTING, SHARE, CausalTrim
 from core.channels import LATERAL, Dictionary
 from core.limits.limits import Limits
 from core.simulation.maneuver import LATERAL_MANEUVERS, MANEUVERS, Doublet, Maneuver
@@ -97,7 +97,8 @@ def test_every_planned_manoeuvre_is_detected_whole(name: str):
     plan = PlannedTest(DT, LIMITS, maneuver)
     surfaces = lagged(plan.commands)
     ((first, last),) = followed(np.vstack([surfaces, np.repeat(surfaces[-1:], 400, axis=0)]), plan)
-    assert first * DT == pytest.approx(2.15, abs=0.2)
+    slow = BEGINNING * SHARE * getattr(maneuver, "ramp_s", 0.0)
+    assert first * DT == pytest.approx(2.15 + slow, abs=0.2)
     assert (last - first + 1) * DT == pytest.approx(28.0, abs=0.1)
 
 

@@ -219,8 +219,8 @@ def test_a_clearance_is_computed_with_the_monitor_of_its_point(
     run(campaign, "clear", *by, "--with-monitor")
     known = load(campaign).next.point.clearing
     assert known is not None
-    assert known.monitor is not None
-    assert f"ε = {known.recipe.epsilon:.2g}" in capsys.readouterr().out
+    assert known.monitor_epsilon is not None
+    assert f"ε = {known.monitor_epsilon:.2g}" in capsys.readouterr().out
 
 
 def test_a_campaign_is_never_overwritten(

@@ -341,6 +341,8 @@ def test_the_alarm_line_is_never_calm_after_an_exceedance(strips: Open) -> None:
       return [line.textContent, line.hasAttribute("data-warned")];
     }"""
     page = strips()
+    before = code.replace("panel.setHeadline({", "({")
+    assert page.evaluate(before, None)[0].startswith("◆ Alarms not known yet.")
     words, is_warned = page.evaluate(code, 7.7)
     assert words.startswith("◆ LIMIT EXCEEDED first at 7.70 s, acknowledged.")
     assert is_warned

@@ -108,7 +108,8 @@ PLACED = """async () => {
   const pen = document.createElement("canvas").getContext("2d");
   const placed = [];
   const word = (text, x) => placed.push([x - 120, x + 120]);
-  const face = { pen, y: () => 0, height: 60, palette: {}, line: () => {}, wide: () => 240, word };
+  const tools = { line: () => {}, wide: () => 240, free: (wanted) => wanted, word };
+  const face = { pen, y: () => 0, height: 60, palette: {}, ...tools };
   const band = { t: [0, 1], low: [0, 0], high: [1, 1], word: "ahead" };
   for (let end = 150; end <= 600; end += 50) {
     drawEnvelope(face, band, { x: (t) => 100 + t * (end - 100), now: 0, width: 500 });

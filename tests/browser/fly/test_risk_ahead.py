@@ -51,6 +51,9 @@ def test_a_row_a_monitor_by_its_lead_and_which_raises_the_alarms(fly: Fly, site:
     monitors = fly.ask("GET", f"/flights/{fly.flight}/comparison")["monitors"]
     cells = compared.locator("tbody tr", has_text="Samples assessed").locator("td")
     expect(cells).to_have_text([str(monitor["n_assessed"]) for monitor in monitors])
+    cells = compared.locator("tbody tr", has_text="Alerts at").locator("td")
+    times = [[f"{alert['start']:.2f} s" for alert in monitor["alerts"]] for monitor in monitors]
+    expect(cells).to_have_text([", ".join(each) or "none" for each in times])
 
 
 def test_no_row_shows_a_number_while_nothing_comes(fly: Fly, site: Site, further: str) -> None:

@@ -29,7 +29,8 @@ def test_a_comma_is_a_decimal_mark(strips: Open, text: str, numbers: list[str]) 
 def test_a_test_of_own_rollouts_has_one_name(strips: Open) -> None:
     words = """async (monitor) => {
         const { testWords } = await import("/static/js/lib/catalog.js");
-        const families = { aircraft: { entries: {} }, maneuver: { entries: {} } };
+        const none = { entries: {} };
+        const families = { aircraft: none, nonlinear_aircraft: none, maneuver: none };
         return testWords({ families }, monitor);
     }"""
     page = strips()
