@@ -97,7 +97,7 @@ def test_a_websocket_closes_when_its_token_is_revoked(client: TestClient) -> Non
     class Silent:
         """A flight that says nothing."""
 
-        def watch(self) -> "Silent":
+        def watch(self, *screen: str) -> "Silent":
             return self
 
         def leave(self, watcher: Any) -> None:
