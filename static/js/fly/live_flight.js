@@ -66,7 +66,6 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   const card = createTestCard(panels.card);
   const setLine = createSetLine(panels.monitors);
   panels.transport.prepend(panels.calls);
-  panels.events.prepend(panels.marker);
   const scene = recorded ? besideRecording(panels.scene, recorded.beside) : createSceneFrame(panels.scene, id, viewAddress);
   const wallView = createWall(panels.wall, panels.view, viewAddress, sound);
   const keys = { ...transport.keys, ...wallView.keys, k: alarm.acknowledgeAll, t: () => notes?.write(), v: scene.nextCamera, g: () => source?.begin() };

@@ -55,7 +55,7 @@ export function createFlightPanels(element, address) {
     transport: h("section", { "aria-label": "Transport" }),
     wall: h("section.wall", { "aria-label": "Wall", hidden: true }),
   };
-  const left = part("div", "strips-column", panels.alarm, panels.refused, panels.entry, panels.problem, panels.notice, panels.monitors, panels.limits, panels.address, panels.strips);
+  const left = part("div", "strips-column", panels.alarm, panels.refused, panels.marker, panels.entry, panels.problem, panels.notice, panels.monitors, panels.limits, panels.address, panels.strips);
   const scene = part("div", "scene-cell", panels.scene, panels.lost);
   const gauge = part("section", "gauge-panel", panels.gauge, panels.rest, panels.ahead);
   const right = part("div", "side-column", scene, gauge, panels.events, panels.card);

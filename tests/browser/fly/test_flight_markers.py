@@ -25,6 +25,11 @@ def test_a_key_and_a_button_mark_the_flight_on_every_screen_and_in_its_record(fl
     for one in shown:
         expect(one).to_have_text(ABORT)
     expect(other.locator(".mute")).to_have_attribute("data-callout", "abort")
+    for size in ({"width": 1024, "height": 768}, {"width": 1920, "height": 1080}):
+        page.set_viewport_size(size)  # type: ignore[arg-type]
+        expect(shown[0]).to_be_in_viewport(ratio=1)
+        below = shown[0].evaluate("(one) => one.getBoundingClientRect().bottom")
+        assert below <= page.locator(".strip-chart").bounding_box()["y"]  # type: ignore[index]
     page.get_by_role("button", name="KNOCK IT OFF").click()
     for one in shown:
         expect(one).to_have_text(ABORT)
