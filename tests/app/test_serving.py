@@ -16,6 +16,7 @@ from app import demonstration, serving
 from app.cli import main
 from app.commands import demo
 from app.demonstration import NAME
+from app.http.events import Changes
 from app.serving import Server, address_of, alone, listen
 from app.settings import Settings, SettingsError
 from app.store.store import open_store
@@ -127,6 +128,7 @@ def test_a_server_that_stops_drops_who_does_not_read(tmp_path, monkeypatch, caps
     monkeypatch.setattr(serving, "PATIENCE", 0.1)
     app = FastAPI()
     app.state.settings = Settings(data_dir=tmp_path, port=0)
+    app.state.changes = Changes()
     app.add_api_route("/", lambda: Response(bytes(16_000_000)))
     listening = listen(app.state.settings)
     server = Server(app)
@@ -216,6 +218,6 @@ def test_a_start_that_fails_is_one_sentence_and_exit_code_1(tmp_path, monkeypatc
 
 
 def test_a_data_directory_that_cannot_be_written_is_refused(tmp_path, monkeypatch, capfd):
-    monkeypatch.setattr("app.serving.os.access", lambda *_: False)
+    monkeypatch.setattr("app.store.ownership.os.access", lambda *_: False)
     assert main(["serve", "--data-dir", str(tmp_path), "--port", "0"]) == 1
     assert "--data-dir" in capfd.readouterr().err
