@@ -228,6 +228,9 @@ def test_no_layout_hides_an_alarm_or_a_call(
     expect(page.locator(".marker-last")).to_be_visible()
     editor = edit(page)
     assert violations(page) == []
+    editor.get_by_role("button", name="Desk").click()
+    part(editor, "gauge").get_by_label("Show").scroll_into_view_if_needed()
+    expect(page.locator(".alarm-banner")).to_be_in_viewport(ratio=1)
     editor.get_by_role("button", name="Minimal").click()
     assert set(keys_of(page)) == {"Ny", "risk"}
     part(editor, "gauge").get_by_label("Show").select_option("hidden")
