@@ -10,9 +10,9 @@ import numpy as np
 from core.evaluation.rates import Evaluation, evaluate
 from core.monitor.monitor import Monitor
 from core.planned_test.collection import SimulatedTest, replanned
+from core.planned_test.maneuver_simulator import USUAL_TIMING_JITTER_S
 from core.planned_test.near import FLIGHTS_EACH, fly_each, near_aircraft, retuned, softer
 from core.planned_test.planned_test import (
-    USUAL_TIMING_JITTER_S,
     DatasetRecipe,
     LateralSimulator,
     SensorNoise,

@@ -37,7 +37,7 @@ Kind = Literal["holds", "not", "and", "always", "until", "historically", "since"
 COMPARED = "<", "<=", ">", ">="
 TIMES = re.compile(r"\s*(\d+\.?\d*|\.\d+)\s*[:,]\s*(\d+\.?\d*|\.\d+)\s*")
 """An interval of times, between brackets."""
-BACK: dict[Kind, Kind] = {"always": "historically", "until": "since"}
+BACK: tuple[Kind, ...] = ("historically", "since")
 UNARY: dict[str, tuple[Kind, bool]] = {
     "always": ("always", False),
     "eventually": ("always", True),
@@ -157,7 +157,7 @@ class _Flights:
         if node.kind == "and":
             return np.minimum(*parts)
         first, last = self._window(node)
-        if node.kind in BACK.values():
+        if node.kind in BACK:
             # before a flight begins nothing is unknown: `historically` holds, `since` does not
             back = [part[..., ::-1] for part in parts]
             there = inf if node.kind == "historically" else -inf

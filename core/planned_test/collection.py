@@ -13,7 +13,6 @@ import numpy as np
 from core.card import Card, CardError
 from core.channels import KEYS
 from core.dataset import Dataset
-from core.limits.limits import Specification
 from core.monitor.group import Pooled
 from core.planned_test.amplitude import suggest_amplitude
 from core.planned_test.nonlinear_test import NonlinearTest
@@ -52,11 +51,6 @@ def replanned(test: SimulatedTest) -> DatasetRecipe | None:
     """The recipe from which a test can be planned otherwise; None if its simulator cannot."""
     simulator = test.simulator()
     return simulator.recipe if isinstance(simulator, Replans) else None
-
-
-def limits_of(test: SimulatedTest) -> Specification:
-    """What judges the flights of a test."""
-    return test.judged_by if isinstance(test, NonlinearTest) else test.specification
 
 
 def collect(
@@ -265,7 +259,7 @@ class _Failures:
         if self._met is None:
             return n_met, ""
         y, fail_index, _ = self._met.some(slice(n_met))
-        grouping = self._recipe.groups.fit(y, fail_index, limits_of(self._recipe))
+        grouping = self._recipe.groups.fit(y, fail_index, self._recipe.judged_by)
         if grouping is None:
             return 0, "a second group"
         rule, group = grouping
@@ -349,7 +343,7 @@ def _dataset(
         n_safe_met=n_safe_met,
         seed=recipe.seed,
         recipe=recipe.to_plain(),
-        specification=limits_of(recipe),
+        specification=recipe.judged_by,
         dictionary=simulator.dictionary,
     )
 

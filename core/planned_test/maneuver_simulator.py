@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from copy import deepcopy
+from dataclasses import replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -15,6 +16,11 @@ from core.simulation.maneuver import Maneuver
 from core.simulation.simulator import Parameters, Rollouts, Stopped
 from core.simulation.turbulence import LateralGust
 from core.types import Array, Indices
+
+MOST_SAMPLES = 20_000
+"""Largest number of steps of a rollout, so that a chunk fits in memory."""
+USUAL_TIMING_JITTER_S, USUAL_AMPLITUDE_JITTER = 0.1, 0.15
+"""Scatter of a pilot who flies a doublet by hand."""
 
 Look = Callable[[Array, Array], object]
 """Called with the true outputs (n, n_samples, n_measured), from trim where channels count from it,
@@ -44,6 +50,44 @@ class PlannedManeuver(Protocol):
 
     @property
     def substeps(self) -> int: ...
+
+    @property
+    def n_obs(self) -> int: ...
+
+
+def by_hand(maneuver: Maneuver) -> Maneuver:
+    """The manoeuvre with the usual scatter of a pilot."""
+    jitter = {
+        "timing_jitter_s": USUAL_TIMING_JITTER_S,
+        "amplitude_jitter": USUAL_AMPLITUDE_JITTER,
+    }
+    return replace(maneuver, **jitter)
+
+
+def n_steps(test: PlannedManeuver) -> int:
+    """Computed steps of a rollout, including its run-up."""
+    run_up = test.imperfections.run_up(test.dt)
+    return (run_up + test.maneuver.n_samples(test.dt)) * test.substeps
+
+
+def check_steps(test: PlannedManeuver) -> None:
+    """ValueError for more steps than fit in memory."""
+    n_samples = test.maneuver.n_samples(test.dt)
+    if n_samples * test.substeps > MOST_SAMPLES:
+        raise ValueError(
+            f"a rollout has {n_samples} samples in {test.substeps} substeps: at most "
+            f"{MOST_SAMPLES} steps fit, choose a larger dt or a shorter manoeuvre"
+        )
+
+
+def check_observations(test: PlannedManeuver) -> None:
+    """ValueError for more observation times than samples, or for a single sample."""
+    n_samples = test.maneuver.n_samples(test.dt)
+    if not 2 <= n_samples >= test.n_obs:
+        raise ValueError(
+            f"n_obs={test.n_obs} was given: a rollout has {n_samples} samples, choose fewer "
+            "observation times or a smaller dt"
+        )
 
 
 class Drawn(NamedTuple):

@@ -13,15 +13,19 @@ from core.computed import complete
 from core.limits.flight_limits import QBAR, LoadLimits
 from core.limits.limits import Envelope, IntervalLimits
 from core.monitor.group import GROUPINGS, Grouping
-from core.planned_test.maneuver_simulator import Drawn, ManeuverSimulator
+from core.planned_test.maneuver_simulator import (
+    Drawn,
+    ManeuverSimulator,
+    by_hand,
+    check_observations,
+    check_steps,
+    n_steps,
+)
 from core.planned_test.planned_test import (
     CHUNK_STEPS,
     LARGEST_CHUNK,
-    MOST_SAMPLES,
-    USUAL_AMPLITUDE_JITTER,
     USUAL_NOISE,
     USUAL_SOFTNESS_S,
-    USUAL_TIMING_JITTER_S,
     SensorNoise,
 )
 from core.recipe import to_plain
@@ -124,17 +128,8 @@ class NonlinearTest:
 
     def __post_init__(self) -> None:
         check_bounds(self)
-        n_samples = self.maneuver.n_samples(self.dt)
-        if n_samples * self.substeps > MOST_SAMPLES:
-            raise ValueError(
-                f"a rollout has {n_samples} samples in {self.substeps} substeps: at most "
-                f"{MOST_SAMPLES} steps fit, choose a larger dt or a shorter manoeuvre"
-            )
-        if not 2 <= n_samples >= self.n_obs:
-            raise ValueError(
-                f"n_obs={self.n_obs} was given: a rollout has {n_samples} samples, choose fewer "
-                "observation times or a smaller dt"
-            )
+        check_steps(self)
+        check_observations(self)
 
     def simulator(self) -> "NonlinearSimulator":
         return NonlinearSimulator(self)
@@ -148,9 +143,7 @@ class NonlinearTest:
 
     @property
     def n_steps(self) -> int:
-        """Computed steps of a rollout, including its run-up."""
-        run_up = self.imperfections.run_up(self.dt)
-        return (run_up + self.maneuver.n_samples(self.dt)) * self.substeps
+        return n_steps(self)
 
     @property
     def most_at_once(self) -> int:
@@ -159,13 +152,11 @@ class NonlinearTest:
 
     def as_flown(self) -> "NonlinearTest":
         """The same test with the usual noise, jitter and imperfections of real flights."""
-        maneuver = replace(
-            self.maneuver,
-            timing_jitter_s=USUAL_TIMING_JITTER_S,
-            amplitude_jitter=USUAL_AMPLITUDE_JITTER,
-        )
         return replace(
-            self, maneuver=maneuver, noise=USUAL_SIX_DOF_NOISE, imperfections=USUAL_IMPERFECTIONS
+            self,
+            maneuver=by_hand(self.maneuver),
+            noise=USUAL_SIX_DOF_NOISE,
+            imperfections=USUAL_IMPERFECTIONS,
         )
 
     def as_trained(self) -> "NonlinearTest":

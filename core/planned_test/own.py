@@ -267,7 +267,8 @@ class OwnTest:
         check_bounds(self)
 
     @property
-    def specification(self) -> Specification:
+    def judged_by(self) -> Specification:
+        """What judges its flights."""
         return self.flown_by.specification
 
     @property

@@ -10,7 +10,14 @@ from core.bounds import Bounds, check_bounds
 from core.channels import KEYS, LATERAL, Dictionary
 from core.limits.limits import Envelope, Limits
 from core.monitor.group import GROUPINGS, Grouping
-from core.planned_test.maneuver_simulator import Drawn, ManeuverSimulator
+from core.planned_test.maneuver_simulator import (
+    Drawn,
+    ManeuverSimulator,
+    by_hand,
+    check_observations,
+    check_steps,
+    n_steps,
+)
 from core.recipe import to_plain
 from core.simulation.aircraft import AIRCRAFT, Aircraft
 from core.simulation.control_law import CONTROL_LAWS, ControlLaw, check_usable
@@ -26,8 +33,6 @@ from core.types import Array
 
 DEFAULT_AIRCRAFT = AIRCRAFT["f16_sl_h0_v502"]
 USUAL = DEFAULT_AIRCRAFT.condition.usual_test
-MOST_SAMPLES = 20_000
-"""Largest number of steps of a rollout, so that a chunk fits in memory."""
 LARGEST_CHUNK = 4096
 CHUNK_STEPS = 2_000_000
 """Steps of all rollouts of a chunk: about 100 MB."""
@@ -59,8 +64,6 @@ USUAL_NOISE = SensorNoise(
     delta_r=radians(0.02),
 )
 """Noise of a flight-test vane, rate gyros, accelerometer and position transducers."""
-USUAL_TIMING_JITTER_S, USUAL_AMPLITUDE_JITTER = 0.1, 0.15
-"""Scatter of a pilot who flies a doublet by hand."""
 USUAL_SOFTNESS_S = 0.5
 """No two pilots move the pedals alike: with their lag of 0.1 s, 0.1 to 0.6 s."""
 
@@ -114,18 +117,9 @@ class DatasetRecipe:
                 f"dt={self.dt} s was given: it must be positive and shorter than the manoeuvre's "
                 f"{self.maneuver.duration_s:g} s"
             )
-        n_samples = self.maneuver.n_samples(self.dt)
-        if n_samples * self.substeps > MOST_SAMPLES:
-            raise ValueError(
-                f"a rollout has {n_samples} samples in {self.substeps} substeps: at most "
-                f"{MOST_SAMPLES} steps fit, choose a larger dt or a shorter manoeuvre"
-            )
+        check_steps(self)
         check_bounds(self)
-        if self.n_obs > n_samples:
-            raise ValueError(
-                f"n_obs={self.n_obs} was given: a rollout has {n_samples} samples, choose fewer "
-                "observation times or a smaller dt"
-            )
+        check_observations(self)
 
     def simulator(self) -> "LateralSimulator":
         return LateralSimulator(self)
@@ -134,15 +128,18 @@ class DatasetRecipe:
         return to_plain(self)
 
     @property
+    def judged_by(self) -> Limits:
+        """What judges its flights."""
+        return self.specification
+
+    @property
     def most_at_once(self) -> int:
         """Rollouts that fit in memory together."""
         return max(1, min(LARGEST_CHUNK, CHUNK_STEPS // self.n_steps))
 
     @property
     def n_steps(self) -> int:
-        """Computed steps of a rollout, including its run-up."""
-        run_up = self.imperfections.run_up(self.dt)
-        return (run_up + self.maneuver.n_samples(self.dt)) * self.substeps
+        return n_steps(self)
 
     @classmethod
     def usual(cls, aircraft: Aircraft) -> "DatasetRecipe":
@@ -157,13 +154,11 @@ class DatasetRecipe:
 
     def as_flown(self) -> "DatasetRecipe":
         """The same test with the usual noise, jitter and imperfections of real flights."""
-        maneuver = replace(
-            self.maneuver,
-            timing_jitter_s=USUAL_TIMING_JITTER_S,
-            amplitude_jitter=USUAL_AMPLITUDE_JITTER,
-        )
         return replace(
-            self, maneuver=maneuver, noise=USUAL_NOISE, imperfections=USUAL_IMPERFECTIONS
+            self,
+            maneuver=by_hand(self.maneuver),
+            noise=USUAL_NOISE,
+            imperfections=USUAL_IMPERFECTIONS,
         )
 
     def as_trained(self) -> "DatasetRecipe":
