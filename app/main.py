@@ -241,7 +241,7 @@ async def _parts(app: FastAPI) -> AsyncIterator[None]:
             parts.callback(
                 asyncio.create_task(retain_daily(stored_recordings, journals, rule)).cancel
             )
-        integrity = app.state.integrity = Integrity(store, stored_recordings.files)
+        integrity = app.state.integrity = Integrity(store, stored_recordings.files, journals)
         integrity.start()
         parts.push_async_callback(asyncio.to_thread, integrity.stop)
         metrics.gauge("damaged", "damaged stored items", lambda: integrity.n_damaged)

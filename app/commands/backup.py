@@ -29,8 +29,8 @@ def run(options: argparse.Namespace) -> int:
     counts = ", ".join(f"{n} {name}" for name, n in backup.manifest.counts.items())
     lines = [
         f"wrote and verified {backup.path}: {backup.size / MIB:,.1f} MiB; {counts}",
-        *(f"◆ damaged before the backup: {line}" for line in backup.damaged),
+        *(f"◆ damaged before the backup: {line}" for line in backup.manifest.damaged),
     ]
-    plain = {"path": str(backup.path), "size": backup.size, "damaged": backup.damaged}
+    plain = {"path": str(backup.path), "size": backup.size, "damaged": backup.manifest.damaged}
     print_result(options, "\n".join(lines), plain | {"manifest": asdict(backup.manifest)})
     return 0

@@ -33,6 +33,7 @@ from app.store.database import address, is_sqlite
 from app.store.disk import LastStop
 from app.store.schema import current_revision, migrations, needs_upgrade, revisions
 from app.store.store import StoreError, open_store
+from app.telemetry.journal import Journals
 from app.upkeep.integrity import all_items
 from core import __version__
 from core.counted import counted
@@ -144,24 +145,26 @@ def schema(settings: Settings) -> str:
 
 
 def contents(settings: Settings) -> str:
-    """Every monitor, dataset, file, column, scoring and flight against its digest."""
+    """Every monitor, dataset, file, column, scoring, flight and journal against its digest."""
     url = address(settings.url)
     if _is_new(url):
         return "none yet"
     if needs_upgrade(url):
         return "not checked before the schema is upgraded"
     files = RecordingFiles(settings.data_dir / "recordings")
+    journals = Journals(settings.data_dir / "live")
     numbers, unverified = Counter[str](), set[str]()
     with closing(open_store(settings.url, recover=False)) as store:
-        for item in all_items(store, files, unverified):
+        for item in all_items(store, files, journals, unverified):
             if (damage := item.damage()) is not None:
                 raise Failed(str(damage))
             numbers[item.kind] += 1
     kinds = ("monitor", "dataset", "recording", "scoring", "flight")
-    old = f"; without digests, of an earlier version: {counted(len(unverified), 'flight')}"
-    return ", ".join(counted(numbers[kind], kind) for kind in kinds) + (
-        f", undamaged{old if unverified else ''}"
-    )
+    found = ", ".join(counted(numbers[kind], kind) for kind in kinds)
+    if unverified:
+        n = counted(len(unverified), "flight")
+        return f"{found}; no damage found, but {n} not verified: no digest recorded"
+    return f"{found}, undamaged"
 
 
 def port(settings: Settings) -> str:

@@ -24,6 +24,8 @@ def run(options: argparse.Namespace) -> int:
     text = f"restored {settings.data_dir} as of {done.manifest.created}: {counts}"
     if done.aside is not None:
         text = f"{text}\nthe data before are in {done.aside}: check the restore, then delete them"
+    for line in done.manifest.damaged:
+        text = f"{text}\n◆ damaged before the backup: {line}"
     aside = None if done.aside is None else str(done.aside)
     plain = {"data_dir": str(settings.data_dir), "aside": aside, "manifest": asdict(done.manifest)}
     print_result(options, text, plain)

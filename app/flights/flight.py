@@ -154,6 +154,7 @@ class Flight(ABC):
     or passed by a seek [s]; None for none.   verdict: how the flight was warned of it.
     manoeuvres: plain, of a scored recording.   _late: why the source is late; empty if it is not.
     _is_waiting: whether it waits at its start for a first viewer.
+    journal_digest: SHA-256 of a live flight's complete journal.
     on_change: called when its headline, verdict or state changes, and when it is over.
     """
 
@@ -165,6 +166,7 @@ class Flight(ABC):
     _near: float = 0.0
     manoeuvres: Sequence[Mapping[str, Any]] | None = None
     _is_waiting = False
+    journal_digest: str | None = None
     no_plan: str = "a live flight has no planned flight to the same times"
     on_change: Callable[[], object] = staticmethod(lambda: None)
 

@@ -11,10 +11,11 @@ from operator import itemgetter
 
 from app.flights.sources.source import header_of, mapping_of
 from app.recipes.labels import kind_label
-from app.recordings.files import NoSpace
-from app.recordings.flown_journal import FlownJournal
+from app.recordings.files import NoSpace, digest_of
+from app.recordings.flown_journal import FlownJournal, journal_damage
 from app.recordings.recordings import Recordings
 from app.recordings.workers import run_to_end
+from app.store.database import Damaged
 from app.store.flights import INTERRUPTED, FlightInfo
 from app.store.recordings import Marker
 from app.store.store import NotFound
@@ -66,6 +67,8 @@ class FlightRecordings:
             return info.recording_id
         if not self._journals.is_whole(flight_id):
             raise NoSpace(f"the journal of flight {flight_id} waits for the disk")
+        if damage := journal_damage(info, digest_of(path)):
+            raise Damaged(f"flight {flight_id}: {damage}: restore the data directory")
         header = header_of(path)
         mapping, aircraft = mapping_of(self._store, info.source.get("recording"), header)
         name = self._name(info, header, aircraft)

@@ -331,7 +331,7 @@ class Flights:
                 ending.has_stopped = True
             try:
                 result = flight.exceeded_t, flight.exceedances.of_channels, flight.limits_held
-                await flight.recorder.complete(ending.status, *result)
+                await flight.recorder.complete(ending.status, *result, flight.journal_digest)
             except StoreError:
                 self._stop_later(flight_id, ending)
                 raise

@@ -19,6 +19,8 @@ from app.flights.sources.source import FlownLive, Live, Opening, header_of, jour
 from app.flights.sources.udp import UdpAccess
 from app.flights.transport import NotPossible
 from app.messages import CardPoint
+from app.recordings.files import digest_of
+from app.recordings.flown_journal import journal_damage
 from app.recordings.scored import ScoredRecordings
 from app.store.flights import FlightInfo
 from app.store.store import Store
@@ -87,10 +89,9 @@ class Preparation:
         opening = opening._replace(display=display)
         source, path = source_of(info), journals.path(info.id)
         live = Live.model_validate(source)
-        if not path.exists():
+        if damage := journal_damage(info, digest_of(path) if path.exists() else None):
             raise NotPossible(
-                f"flight {info.id} accepts no samples: it was interrupted and its journal is "
-                "missing"
+                f"flight {info.id} accepts no samples: it was interrupted and {damage}"
             )
         setup = live.setup(opening, header_of(path))
         plan = FlightPlan(

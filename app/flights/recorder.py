@@ -189,11 +189,12 @@ class Recorder:
         exceeded_t: float | None = None,
         exceedances: Sequence[ChannelExceedances] = (),
         held: Sequence[LimitsFrom] | None = None,
+        journal_digest: str | None = None,
     ) -> None:
         """Write the rest of the record and the end of the flight. StoreError: it can be retried.
 
         exceeded_t: first exceedance [s].   exceedances: per channel.
-        held: limits that were in force; None if unknown.
+        held: limits that were in force; None if unknown.   journal_digest: of a live flight.
         """
         if not await self.flush():
             raise StoreError(
@@ -204,7 +205,7 @@ class Recorder:
         result = [asdict(exceedance) for exceedance in exceedances]
         limits = None if held is None else [limits.model_dump() for limits in held]
         end = self._store.flights.end
-        await self._run(end, self._flight_id, status, exceeded_t, result, limits)
+        await self._run(end, self._flight_id, status, exceeded_t, result, limits, journal_digest)
 
     def give_up(self) -> None:
         """Count what the store still refuses as lost."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from app.recordings.files import reporting_full_disk
+from app.store.flights import FlightInfo
 from app.store.recordings import Marker
 from app.telemetry.contents import Columns
 from app.telemetry.mapping.derivations import DERIVATIONS
@@ -52,6 +53,18 @@ class FlownJournal:
         while lacking := [key for key, source in channels.items() if _lacks(source, channels)]:
             channels = {key: channels[key] for key in channels if key not in lacking}
         return replace(self.mapping, channels=channels, times={group.name: times[0]})
+
+
+def journal_damage(info: FlightInfo, found: str | None) -> str:
+    """What is wrong with the journal of a live flight; empty if nothing is known to be.
+
+    found: SHA-256 of its journal; None if there is none.
+    """
+    if found is None:
+        has_failed_at_its_start = info.status == "failed" and info.head is None
+        return "" if has_failed_at_its_start else "its journal is missing"
+    is_altered = info.journal_digest not in (None, found)
+    return "its journal was altered (its digest does not match)" if is_altered else ""
 
 
 def link_or_copy(path: Path, target: Path) -> None:

@@ -67,11 +67,12 @@ class IntegrityReport(BaseModel):
         description="monitors, datasets, recordings, scorings and flights checked so far"
     )
     unverified: int = Field(
-        description="flights stored by an earlier version without digests: readable, not verified"
+        description="flights without a digest of their samples or journal: readable, not verified"
     )
     damaged: list[Damage]
     elsewhere: int = Field(
-        description="recordings whose files are in another data directory: listed, not readable"
+        description="recordings and live flights whose files are in another data directory: "
+        "listed, not readable"
     )
     older: str = Field(
         description="one sentence if the database is older than at its last good stop, else empty"

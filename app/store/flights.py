@@ -99,6 +99,8 @@ class FlightInfo(Entry):
     """whether it is kept permanently"""
     recording_id: str | None
     """recording made from its journal, even if deleted since; null if none was made"""
+    journal_digest: str | None
+    """SHA-256 of its journal, once that is complete; null if none is recorded"""
     recording: str | None
     """id of that recording; null if it does not exist"""
     head: int | None
@@ -183,11 +185,13 @@ class FlightRepository(Entries[FlightInfo]):
         exceeded_t: float | None = None,
         exceedances: list[dict[str, Any]] | None = None,
         limits_held: list[dict[str, Any]] | None = None,
+        journal_digest: str | None = None,
     ) -> FlightInfo:
         """End a flight; one that has already ended is left unchanged.
 
         exceeded_t: first exceedance [s].   exceedances: per channel, plain data.
         limits_held: limits in force and since when, plain data.
+        journal_digest: SHA-256 of its complete journal.
         """
         if not status or status == "running":
             raise ValueError(f"a flight cannot end as {status!r}: give one word for how it ended")
@@ -195,6 +199,7 @@ class FlightRepository(Entries[FlightInfo]):
         with self._writing() as connection:
             ending = {"status": status, "ended": now(), "exceeded_t": exceeded_t}
             ending |= {"exceedances": exceedances, "limits_held": limits_held}
+            ending |= {"journal_digest": journal_digest}
             connection.execute(update(flights).where(running).values(**ending))
             over = self._fetch(connection, flight_id)
         self.on_change()
@@ -230,6 +235,7 @@ class FlightRepository(Entries[FlightInfo]):
         interrupted = (flights.c.id == flight_id) & (flights.c.status == INTERRUPTED)
         with self._writing() as connection:
             running = {"status": "running", "ended": None, "summary": None}
+            running |= {"journal_digest": None}
             if connection.execute(update(flights).where(interrupted).values(**running)).rowcount:
                 _cut(connection, flight_id, head)
         self.on_change()

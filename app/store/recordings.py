@@ -142,7 +142,9 @@ class RecordingRepository(Entries[RecordingInfo]):
             connection.execute(update(recordings).where(is_row).values(complete=True))
             if flight_id is not None:
                 flown = update(flights).where(flights.c.id == flight_id)
-                connection.execute(flown.values(recording_id=recording_id))
+                digest = select(recordings.c.digest).where(is_row).scalar_subquery()
+                known = func.coalesce(flights.c.journal_digest, digest)
+                connection.execute(flown.values(recording_id=recording_id, journal_digest=known))
             if rows:
                 connection.execute(insert(markers), rows)
 

@@ -214,6 +214,7 @@ flights = Table(
     _plain("summary", nullable=True),
     Column("keep", Boolean, nullable=False, server_default=false()),
     Column("recording_id", String(2 * ID_BYTES), index=True),
+    Column("journal_digest", String(64)),
     Index(None, "created", "id"),
 )
 

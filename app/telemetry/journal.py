@@ -7,6 +7,7 @@ delays only acknowledgements. Lines that a full disk refuses wait and are retrie
 """
 
 import asyncio
+import hashlib
 import logging
 import os
 import threading
@@ -136,6 +137,7 @@ class Journal:
         self._groups: list[asyncio.Future[None]] = []
         self._is_grouping = False
         self._bytes = 0
+        self._digest: hashlib._Hash | None = None
         self.problem = ""
 
     def append(self, line: dict[str, Any]) -> asyncio.Future[None]:
@@ -187,11 +189,15 @@ class Journal:
         if not content:
             return True
         try:
+            if self._digest is None:
+                with self.path.open("rb") as earlier:
+                    self._digest = hashlib.file_digest(earlier, "sha256")
             _write_all(self._file, content, self._size)
             os.fdatasync(self._file)
         except OSError as error:
             self._refused(error)
             return False
+        self._digest.update(content)
         self._size += len(content)
         self.problem = ""
         with self._lock:
@@ -202,10 +208,14 @@ class Journal:
             groups[0].get_loop().call_soon_threadsafe(_resolve, groups)
         return True
 
-    def close(self) -> None:
-        """Accept no more lines; close the file once all queued lines are written."""
+    def close(self) -> str | None:
+        """Accept no more lines; close the file once all queued lines are written.
+
+        Returns the SHA-256 of all lines; None while some wait for the disk.
+        """
         self._is_closing = True
         self.commit()
+        return self._digest.hexdigest() if self.is_closed and self._digest else None
 
     def _refused(self, error: OSError) -> None:
         if not self.problem:

@@ -44,7 +44,10 @@ class ArchivePart:
 
 @dataclass(frozen=True)
 class Manifest:
-    """Content of a backup. schema: revision of the database.   created: UTC, ISO 8601."""
+    """Content of a backup. schema: revision of the database.   created: UTC, ISO 8601.
+
+    damaged: stored content that was damaged or missing before.
+    """
 
     format: int
     program: str
@@ -52,6 +55,7 @@ class Manifest:
     created: str
     counts: dict[str, int]
     parts: list[ArchivePart] = field(default_factory=list)
+    damaged: list[str] = field(default_factory=list)
 
     @property
     def size(self) -> int:

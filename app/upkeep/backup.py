@@ -13,6 +13,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from app.recordings.files import RecordingFiles, sync
+from app.recordings.flown_journal import journal_damage
 from app.store.database import Damaged, StoreError, address, copy_database, file_of
 from app.store.flights import FlightInfo
 from app.store.recordings import RecordingInfo
@@ -37,17 +38,16 @@ ENDING = ".fwbackup"
 
 
 class Changed(Exception):
-    """Something was deleted after the database was copied."""
+    """Something was deleted, or a flight resumed, after the database was copied."""
 
 
 @dataclass(frozen=True)
 class Backup:
-    """A backup, written and verified. damaged: stored content that was already damaged."""
+    """A backup, written and verified."""
 
     path: Path
     size: int
     manifest: Manifest
-    damaged: list[str]
 
 
 def destination(path: Path) -> Path:
@@ -90,12 +90,12 @@ def back_up(url: str, data_dir: Path, path: Path) -> Backup:
     try:
         for _ in range(ATTEMPTS):
             with suppress(Changed):
-                manifest, damaged = _write(url, data_dir, copy, part)
+                manifest = _write(url, data_dir, copy, part)
                 with open_archive(part):  # reads and verifies every byte
                     pass
                 os.replace(part, path)
                 sync(path.parent)
-                return Backup(path, path.stat().st_size, manifest, damaged)
+                return Backup(path, path.stat().st_size, manifest)
     except OSError as error:
         if isinstance(error, StoreError):
             raise
@@ -113,7 +113,7 @@ def back_up(url: str, data_dir: Path, path: Path) -> Backup:
     )
 
 
-def _write(url: str, data_dir: Path, copy: Path, part: Path) -> tuple[Manifest, list[str]]:
+def _write(url: str, data_dir: Path, copy: Path, part: Path) -> Manifest:
     files, journals = RecordingFiles(data_dir / RECORDINGS), Journals(data_dir / JOURNALS)
     copy_database(address(url), copy, "choose a place with space for twice the database")
     check_copy(copy)
@@ -133,11 +133,12 @@ def _write(url: str, data_dir: Path, copy: Path, part: Path) -> tuple[Manifest, 
             kinds = ("flights", "recordings", "monitors", "datasets")
             counts = {kind: len(getattr(snapshot, kind).all()) for kind in kinds}
             schema = snapshot.revision()
-        manifest = Manifest(FORMAT, __version__, schema, now(), counts, writer.parts)
+        about = __version__, schema, now(), counts
+        manifest = Manifest(FORMAT, *about, writer.parts, damaged)
         writer.close(manifest)
         file.flush()
         os.fsync(file.fileno())
-    return manifest, damaged
+    return manifest
 
 
 def _add_recording(
@@ -174,15 +175,21 @@ def _add_recording(
 def _add_journal(
     writer: ArchiveWriter, journals: Journals, live: Store, info: FlightInfo
 ) -> list[str]:
-    """Add the journal of a live flight; return that it is missing. Changed."""
+    """Add the journal of a live flight; return what is wrong with it. Changed."""
+    if info.source.get("kind") != "live":
+        return []
     path = journals.path(info.id)
-    if info.source.get("kind") != "live" or _add(writer, f"{JOURNALS}/{path.name}", path):
+    part = _add(writer, f"{JOURNALS}/{path.name}", path)
+    damage = journal_damage(info, None if part is None else part.sha256)
+    if not damage:
         return []
     try:
-        live.flights.info(info.id)
+        is_resumed = live.flights.info(info.id).journal_digest != info.journal_digest
     except NotFound:
         raise Changed from None
-    return [f"flight {info.id}: its journal is missing"]
+    if is_resumed:
+        raise Changed
+    return [f"flight {info.id}: {damage}"]
 
 
 def _add(writer: ArchiveWriter, name: str, path: Path) -> ArchivePart | None:

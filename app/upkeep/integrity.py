@@ -14,11 +14,13 @@ from pathlib import Path
 from typing import Literal
 
 from app.recordings.files import Elsewhere, RecordingFiles, digest_of
+from app.recordings.flown_journal import journal_damage
 from app.recordings.samples import open_samples, open_tiles
 from app.store.database import Damaged, Interrupted, check_pages
 from app.store.recordings import RecordingInfo
 from app.store.repository import Entry
 from app.store.store import NotFound, Store, StoreError
+from app.telemetry.journal import Journals
 
 LOG = logging.getLogger("forewarn")
 BEGIN_AFTER_S = 5.0
@@ -92,12 +94,13 @@ class Pace:
 def all_items(
     store: Store,
     files: RecordingFiles,
+    journals: Journals,
     unverified: set[str],
     rest: Callable[[], None] = lambda: None,
 ) -> Iterator[Item]:
     """All stored items except database pages.
 
-    unverified: receives the ids of flights that were stored without digests.
+    unverified: receives the ids of flights without a digest of their samples or journal.
     rest: called between pieces of work.
     """
     for monitor in store.monitors.all():
@@ -110,17 +113,37 @@ def all_items(
             check = partial(_check_scoring, store, files, recording.id, scoring_id, rest)
             yield Item("scoring", scoring_id, f"of {recording.name}", check)
     for flight in store.flights.all():
-        check = partial(_check_flight, store, flight.id, unverified, rest)
+        check = partial(_check_flight, store, journals, flight.id, unverified, digest, rest)
         yield Item("flight", flight.id, f"of {flight.created[:19]}Z", check)
     for dataset in store.datasets.all():
         yield Item("dataset", dataset.id, dataset.name, partial(store.datasets.get, dataset.id))
 
 
 def _check_flight(
-    store: Store, flight_id: str, unverified: set[str], rest: Callable[[], None]
+    store: Store,
+    journals: Journals,
+    flight_id: str,
+    unverified: set[str],
+    digest: Callable[[Path], str],
+    rest: Callable[[], None],
 ) -> None:
     if not store.flights.check(flight_id, rest):
         unverified.add(flight_id)
+    info = store.flights.info(flight_id)
+    if info.source.get("kind") != "live" or info.status == "running":
+        return
+    path = journals.path(flight_id)
+    if info.journal_digest is None:
+        unverified.add(flight_id)
+    damage = journal_damage(info, digest(path) if path.exists() else None)
+    if not damage or store.flights.info(flight_id) != info:  # resumed since
+        return
+    if not journals.root.is_dir():
+        raise Elsewhere(
+            f"{path} is missing: the journal is stored in another data directory; start the server "
+            "with that one, or restore it from a backup"
+        )
+    raise Damaged(f"{damage}: {path}; restore the data directory from a backup")
 
 
 def _check_recording(
@@ -147,12 +170,12 @@ def _check_scoring(
 class Integrity:
     """The integrity check of a server's data; `stop` ends the background check."""
 
-    def __init__(self, store: Store, files: RecordingFiles) -> None:
-        self.store, self.files = store, files
+    def __init__(self, store: Store, files: RecordingFiles, journals: Journals) -> None:
+        self.store, self.files, self.journals = store, files, journals
         self.state: State = "begun"
         self.n_checked = 0
         self.unverified: set[str] = set()
-        """ids of flights that were stored without digests"""
+        """ids of flights without a digest of their samples or journal"""
         self._elsewhere: set[str] = set()
         self._pace = Pace()
         self._known_damage: dict[tuple[Kind, str, str], Damage] = {}
@@ -170,9 +193,10 @@ class Integrity:
         return list(self._known_damage.values())
 
     def n_elsewhere(self) -> int:
-        """Number of recordings stored in another data directory, without those deleted since."""
+        """Number of recordings and journals in another data directory, without those deleted."""
         if self._elsewhere:
-            self._elsewhere &= {info.id for info in self.store.recordings.all()}
+            stored = *self.store.recordings.all(), *self.store.flights.all()
+            self._elsewhere &= {info.id for info in stored}
         return len(self._elsewhere)
 
     def start(self) -> None:
@@ -190,12 +214,13 @@ class Integrity:
         self._note_pages(lines)
         self.n_checked = 0
         try:
-            for item in all_items(self.store, self.files, self.unverified, pace.rest):
+            about = self.store, self.files, self.journals, self.unverified
+            for item in all_items(*about, pace.rest):
                 try:
                     if (damage := item.damage()) is not None:
                         self._note(damage)
                 except Elsewhere as error:
-                    if item.kind == "recording":
+                    if item.kind in ("recording", "flight"):
                         LOG.error("%s: %s", item.name, error)
                         self._elsewhere.add(item.id)
                 self.n_checked += 1

@@ -87,7 +87,7 @@ function damageWords([first, ...others]) {
 
 function elsewhereWords(n) {
   if (!n) return "";
-  return n === 1 ? "◆ 1 recording is stored in another data directory." : `◆ ${n} recordings are stored in another data directory.`;
+  return `◆ Files of ${n} ${n === 1 ? "recording or flight" : "recordings or flights"} are in another data directory.`;
 }
 
 const viewOf = (name) => (Object.hasOwn(VIEWS, name) ? VIEWS[name] : UNKNOWN);

@@ -385,7 +385,7 @@ class LiveFlight(Flight):
             self._udp.close()
         if self._journal is not None:
             journal, self._journal = self._journal, None
-            await asyncio.to_thread(journal.close)
+            self.journal_digest = await asyncio.to_thread(journal.close)
         await super().stop(reason)
 
     # --- the journal --------------------------------------------------------------------------

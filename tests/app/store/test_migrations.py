@@ -141,6 +141,18 @@ def test_a_store_of_each_revision_is_upgraded_with_its_rows(
     store.close()
 
 
+def test_journals_that_became_recordings_have_their_digest(url: str, path: Path) -> None:
+    move(old_store(url, path), "0029")
+    engine = make_engine(address(url))
+    with writing(engine) as connection:
+        connection.exec_driver_sql("UPDATE flights SET recording_id = (SELECT id FROM recordings)")
+    engine.dispose()
+    store = open_store(url)
+    (flight,), (recording,) = store.flights.all(), store.recordings.all()
+    assert flight.journal_digest == recording.digest
+    store.close()
+
+
 def test_no_migration_forces_a_rebuild() -> None:
     """PostgreSQL alters tables; it cannot drop one that others refer to."""
     for file in (schema.migrations() / "versions").glob("*.py"):

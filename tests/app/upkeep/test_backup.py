@@ -148,7 +148,7 @@ def test_a_journal_that_is_missing_is_said(tmp_path: Path, dataset: Dataset) -> 
     store.close()
     (kept.data / "recordings").mkdir()
     told = back_up(kept.url, kept.data, tmp_path / "b.fwbackup")
-    assert told.damaged == [f"flight {flight}: its journal is missing"]
+    assert told.manifest.damaged == [f"flight {flight}: its journal is missing"]
 
 
 def test_a_byte_changed_or_lost_anywhere_is_refused(
@@ -344,7 +344,7 @@ def test_a_damaged_recording_is_backed_up_as_it_is_and_reported(kept: Kept, tmp_
     file.write_bytes(b"x")
     (samples,) = (settings.data_dir / "recordings").glob("*/scorings/*[!s].npy")
     samples.unlink()
-    told = back_up(settings.url, settings.data_dir, tmp_path / "b").damaged
+    told = back_up(settings.url, settings.data_dir, tmp_path / "b").manifest.damaged
     assert len(told) == 2
     assert "digest" in told[0]
     assert "scoring" in told[1]

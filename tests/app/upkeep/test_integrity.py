@@ -20,6 +20,7 @@ from app.store.assessments import DIGEST_BYTES
 from app.store.flights import DAMAGED
 from app.store.store import Store, open_store
 from app.store.tables import assessment_chunks, dataset_blocks, monitor_parts
+from app.telemetry.journal import Journals
 from app.upkeep import integrity
 from app.upkeep.integrity import Integrity, Pace, Stopped
 from core.dataset import Dataset
@@ -103,8 +104,12 @@ def corrupt_pages(file: Path) -> None:
             content.write(b"\xa5" * size)
 
 
+def integrity_of(store: Store, data_dir: Path) -> Integrity:
+    return Integrity(store, RecordingFiles(data_dir / "recordings"), Journals(data_dir / "live"))
+
+
 def checked(store: Store, kept: Kept) -> Integrity:
-    known = Integrity(store, RecordingFiles(kept.data_dir / "recordings"))
+    known = integrity_of(store, kept.data_dir)
     known.check_all()
     return known
 
@@ -148,7 +153,7 @@ def test_what_is_missing_is_damaged(kept: Kept, store: Store) -> None:
 
 
 def test_a_folder_that_lies_elsewhere_is_no_damage(kept: Kept, store: Store) -> None:
-    other = Integrity(store, RecordingFiles(kept.data_dir / "another"))
+    other = Integrity(store, RecordingFiles(kept.data_dir / "another"), Journals(kept.data_dir))
     other.check_all()
     assert (other.damaged(), other.n_elsewhere(), other.n_checked) == ([], 1, len(WHOLE))
     kept.folder.rename(kept.data_dir / "moved")
