@@ -1,4 +1,4 @@
-"""`forewarn copy-store`: a database of the other kind, or a second one. The server must not run."""
+"""`forewarn copy-store`: a store in another place or database. The server must not run."""
 
 import argparse
 
@@ -14,14 +14,28 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from app.upkeep.store_copy import copy_store, store_address  # slow to import, not for help
+    from app.upkeep import store_copy as copying  # slow to import, not for help
 
-    source, target = store_address(options.source), store_address(options.target)
-    numbers = copy_store(source, target)
-    place = target.render_as_string(hide_password=True)
-    text = (
-        f"copied and verified {counted(sum(numbers.values()), 'row')} to {place}; recordings and "
-        "journals stay in their data directory: serve both together"
-    )
-    print_result(options, text, {"database": place, "rows": numbers})
+    source, target = copying.folder_of(options.source), copying.folder_of(options.target)
+    folders = (source, target) if source and target else None
+    url = copying.store_address(options.target)
+    numbers, n_files = copying.copy_store(copying.store_address(options.source), url, folders)
+    place = url.render_as_string(hide_password=True)
+    n_rows, files = counted(sum(numbers.values()), "row"), counted(n_files, "file")
+    if folders is not None:
+        text = f"copied and verified {n_rows} and {files} of recordings and journals to {target}"
+    elif source is not None:
+        stay = counted(copying.n_files_of(source), "file")
+        text = (
+            f"copied and verified {n_rows} to {place}; {stay} of recordings and journals stay in "
+            f"{source}: serve with --data-dir {source} and FOREWARN_DATABASE_URL, or copy its "
+            "folders `recordings` and `live` to another --data-dir"
+        )
+    else:
+        text = (
+            f"copied and verified {n_rows} to {place}; recordings and journals are files: copy "
+            "the folders `recordings` and `live` of the data directory served with "
+            f"{options.source} to {target or 'that of the new server'}"
+        )
+    print_result(options, text, {"database": place, "rows": numbers, "files": n_files})
     return 0
