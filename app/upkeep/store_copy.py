@@ -117,6 +117,8 @@ def _copied_files(source: Path, target: Path) -> Iterator[int]:
             copy.chmod(0o600)
             if digest_of(copy) != digest_of(path):
                 raise StoreError(f"{copy} differs from {path}: nothing was kept")
+        for folder in (target / RECORDINGS).glob("*"):
+            (folder / "scorings").mkdir(exist_ok=True)
         yield len(files)
     except BaseException as error:
         for place in places:
