@@ -13,9 +13,8 @@ the distribution of the aircraft that exceed. All predictions use the same rando
 draws hardly change the order of the scores.
 """
 
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from math import ceil, exp, floor, log
@@ -26,11 +25,11 @@ import numpy as np
 from core.bounds import Bounds, check_bounds
 from core.clearance.joint_model import Law
 from core.clearance.posterior import PlantPosterior, RecordedStep, fit, prior_of
-from core.kernels.compiled import on_this_thread
 from core.monitor.calibration import Guarantee, alert_above, failures_needed
 from core.planned_test.planned_test import DatasetRecipe
 from core.seeds import Branch, stream
 from core.simulation.imperfections import channel_array
+from core.tasks import Tasks
 from core.types import Array
 
 Progress = Callable[[int, int], object]
@@ -236,6 +235,16 @@ class PointPredictor:
             low, high = np.where(peaks < 1.0, middle, low), np.where(peaks < 1.0, high, middle)
         return np.exp(low)
 
+    def identified(self, theta: Array, first: int) -> tuple[Array, Array, Array]:
+        """Fly these aircraft, identify and predict them.   first: number of the first one.
+
+        Returns score (n,), spare amplitude (n,) and checks (n, k), see Clearance.
+        """
+        rng = stream(self._recipe.seed, Branch.CLEARANCE, 0, first)
+        reach = np.log(self.amplitudes(theta, rng))
+        prediction = self.predict([step.fly(theta, rng)[0].y for step in self.steps])
+        return prediction.score, reach + prediction.mean, prediction.checks
+
 
 @dataclass(frozen=True, eq=False)
 class Clearance:
@@ -366,10 +375,14 @@ class Clearance:
 
 
 def calibrate(
-    points: BuildUp, recipe: ClearanceRecipe, progress: Progress | None = None
+    points: BuildUp,
+    recipe: ClearanceRecipe,
+    progress: Progress | None = None,
+    executor: Executor | None = None,
 ) -> Clearance:
     """Fly simulated aircraft at the next point; identify the first ones and all that exceed there.
 
+    executor: see Tasks.
     progress: called with (aircraft identified, aircraft to identify); an exception cancels.
     ClearanceError if too few exceed, but more than RARE.
     """
@@ -396,16 +409,11 @@ def calibrate(
         )
     theta, exceeding = (np.concatenate(parts) for parts in zip(*tried, strict=True))
 
-    def identified(first: int) -> tuple[Array, Array, Array]:
-        batch, rng = theta[first : first + BATCH], stream(recipe.seed, Branch.CLEARANCE, 0, first)
-        with on_this_thread():
-            reach = np.log(predictor.amplitudes(batch, rng))
-            prediction = predictor.predict([step.fly(batch, rng)[0].y for step in predictor.steps])
-        return prediction.score, reach + prediction.mean, prediction.checks
-
+    starts = range(0, len(theta), BATCH)
+    batches = [(theta[first : first + BATCH], first) for first in starts]
     parts: list[tuple[Array, Array, Array]] = []
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for part in pool.map(identified, range(0, len(theta), BATCH)):
+    with Tasks(executor) as tasks:
+        for part in tasks.results(predictor.identified, batches):
             parts.append(part)
             if progress:
                 progress(min(len(parts) * BATCH, len(theta)), len(theta))

@@ -6,8 +6,7 @@ aircraft as identified and watches the flight. The monitors share one epsilon: t
 at most a share of these points, the epsilon of the clearance, is flown without a timely alert.
 """
 
-import os
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from math import floor
 
@@ -22,7 +21,6 @@ from core.clearance.clearance import (
     Progress,
 )
 from core.clearance.identification import FlownSegment, identify_test
-from core.kernels.compiled import on_this_thread
 from core.limits.limits import magnitudes_of
 from core.monitor.calibration import alert_above, failures_needed
 from core.monitor.monitor import Monitor
@@ -35,6 +33,7 @@ from core.planned_test.collection import CollectionError, card_of, collect
 from core.planned_test.planned_test import DatasetRecipe
 from core.seeds import Branch, stream
 from core.simulation.maneuver import Steps
+from core.tasks import Tasks
 from core.types import Array, Indices
 
 CLEARED = 0.5
@@ -76,10 +75,12 @@ class WithMonitor:
         return epsilon
 
 
-def with_monitor(clearance: Clearance, progress: Progress | None = None) -> WithMonitor:
+def with_monitor(
+    clearance: Clearance, progress: Progress | None = None, executor: Executor | None = None
+) -> WithMonitor:
     """Calibrate a clearance and the monitor of its next point as one rule.
 
-    progress: called with (points done, points); an exception cancels.
+    executor: see Tasks.   progress: called with (points done, points); an exception cancels.
     ClearanceError if too few aircraft exceed, and for other tests than steps with limits.
     """
     points, recipe = clearance.points, clearance.recipe
@@ -102,25 +103,40 @@ def with_monitor(clearance: Clearance, progress: Progress | None = None) -> With
     cleared = clearance.p_values(prediction.score) <= CLEARED
     cleared &= (prediction.checks <= clearance.levels).all(axis=1)
 
-    def risk(i: int) -> float:
-        segments = [FlownSegment(record[i], following.dt) for record in records]
-        with on_this_thread():
-            aircraft = identify_test(following, segments).identified
-            try:
-                monitor = monitor_of(replace(following, aircraft=aircraft, seed=int(i)))
-            except CollectionError:
-                return 0.0
-            return float(monitor.highest_p_values(y[[i]], last[[i]])[0])
-
     risks, which = np.ones(n), np.flatnonzero(cleared)
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for done, (i, highest) in enumerate(
-            zip(which, pool.map(risk, which), strict=True), start=1
-        ):
+    flown = [
+        (
+            following,
+            int(i),
+            [FlownSegment(record[i], following.dt) for record in records],
+            y[[i]],
+            last[[i]],
+        )
+        for i in which
+    ]
+    with Tasks(executor) as tasks:
+        results = zip(which, tasks.results(_risk, flown), strict=True)
+        for done, (i, highest) in enumerate(results, start=1):
             risks[i] = highest
             if progress:
                 progress(done, len(which))
     return WithMonitor(recipe, risks)
+
+
+def _risk(
+    following: DatasetRecipe, seed: int, steps: list[FlownSegment], y: Array, last: Indices
+) -> float:
+    """Highest p-value while an alert is timely, of one flight by the monitor trained for it.
+
+    0 where no monitor can be trained.   steps: flown before, which identify the aircraft.
+    y: (1, n_samples, 6).   last: (1,) last sample of a timely alert.
+    """
+    aircraft = identify_test(following, steps).identified
+    try:
+        monitor = monitor_of(replace(following, aircraft=aircraft, seed=seed))
+    except CollectionError:
+        return 0.0
+    return float(monitor.highest_p_values(y, last)[0])
 
 
 def _exceeding(

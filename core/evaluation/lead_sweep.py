@@ -5,13 +5,11 @@ fresh flights are flown through each. The study counts failures without a timely
 without an alert, and failures that an alert prevents, given the reaction time.
 """
 
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from concurrent.futures import Executor, Future, as_completed
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from itertools import chain
-from threading import Event
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -21,7 +19,6 @@ from core.card import CardError
 from core.evaluation.ceiling import Ceiling
 from core.evaluation.prevention import REACTIONS_S, Stopped, prevention
 from core.evaluation.rates import PooledCounts, first_sample
-from core.kernels.compiled import on_this_thread
 from core.limits.limits import Limits, envelope_of
 from core.monitor.calibration import Guarantee, alert_above, check_epsilon, p_values
 from core.monitor.monitor import Monitor
@@ -46,6 +43,7 @@ from core.seeds import Branch, monitor_seeds, stream
 from core.simulation.aircraft import AIRCRAFT
 from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.simulator import Rollouts
+from core.tasks import Tasks, stop_if_cancelled
 from core.types import Array, Flags, Indices
 
 METHODS: dict[str, tuple[Predictor, Score]] = {
@@ -200,13 +198,14 @@ def sweep(
     recipe: SweepRecipe | None = None,
     tests: Mapping[str, DatasetRecipe] | None = None,
     *,
+    executor: Executor | None = None,
     progress: Callable[[int, int], object] | None = None,
 ) -> dict[str, PlannedTestSweep]:
     """Train and test every method at every lead on every planned test.
 
     tests: by name; default: those of the recipe. Methods that need a test card are left out if the
     manoeuvre has none.
-    progress: called with (monitors done, total); an exception cancels.
+    executor: see Tasks.   progress: called with (monitors done, total); an exception cancels.
     """
     recipe = recipe or SweepRecipe()
     tests = planned_tests(recipe.tests, recipe.imperfections) if tests is None else tests
@@ -215,19 +214,15 @@ def sweep(
     sized = {name: replace(test, n_unsafe=recipe.n_unsafe) for name, test in tests.items()}
     seeded = [replace(test, seed=seeds[0][0]) for test in sized.values()]
     ceilings = [_CeilingTest(test, recipe) for test in seeded if recipe.ceiling]
-    each, cancelled = len(recipe.methods) * len(recipe.leads_s), Event()
-    pool = ThreadPoolExecutor(os.cpu_count() or 1)
-    try:
+    each = len(recipe.methods) * len(recipe.leads_s)
+    with Tasks(executor) as tasks:
         parts = {
-            name: [
-                pool.submit(_part_alone, replace(test, seed=seed), recipe, cancelled)
-                for seed, _ in seeds
-            ]
+            name: [tasks.submit(_part, replace(test, seed=seed), recipe) for seed, _ in seeds]
             for name, test in sized.items()
         }
         chunks = [
-            [pool.submit(ceiling.scores, start, cancelled) for start in ceiling.starts]
-            for ceiling in ceilings
+            [tasks.submit(test.ceiling.scores, *batch) for batch in test.batches()]
+            for test in ceilings
         ]
         weights: dict[Future[Any], int] = dict.fromkeys(chain(*chunks), 1)
         weights |= dict.fromkeys(chain(*parts.values()), each)
@@ -237,9 +232,6 @@ def sweep(
             done += weights[task]
             if progress:
                 progress(done, sum(weights.values()))
-    finally:
-        cancelled.set()
-        pool.shutdown(cancel_futures=True)
     results = {name: _pooled([part.result() for part in group]) for name, group in parts.items()}
     for name, ceiling, group in zip(results, ceilings, chunks, strict=False):
         cells = {**results[name].cells, **ceiling.cells([chunk.result() for chunk in group])}
@@ -267,9 +259,8 @@ def check_leads(recipe: SweepRecipe, tests: Mapping[str, DatasetRecipe]) -> None
             )
 
 
-def _part_alone(test: DatasetRecipe, recipe: SweepRecipe, cancelled: Event) -> _PartResult:
-    with on_this_thread():
-        return _Part(test, recipe).result(cancelled)
+def _part(test: DatasetRecipe, recipe: SweepRecipe) -> _PartResult:
+    return _Part(test, recipe).result()
 
 
 @dataclass(frozen=True, eq=False)
@@ -301,14 +292,13 @@ class _Part:
         self._flights = evaluation_flights(test, recipe.n_test)
         self._above = alert_above(recipe.epsilon, recipe.n_unsafe, recipe.guarantee)
 
-    def result(self, cancelled: Event) -> _PartResult:
+    def result(self) -> _PartResult:
         """Train and test the monitors."""
         flights, recipe, test = self._flights, self._recipe, self._test
         stopped = stopping_flights(test, recipe.n_test)
         counted: dict[tuple[str, float], Cell] = {}
         for key, scores in chain(self._by_monitors(), self._by_forecasts()):
-            if cancelled.is_set():
-                raise InterruptedError("the sweep was cancelled")
+            stop_if_cancelled()
             counted[key] = _counted(scores, flights, test, recipe, stopped)
         ordered = ((name, lead) for lead in recipe.leads_s for name in recipe.methods)
         cells = {key: counted[key] for key in ordered if key in counted}
@@ -401,7 +391,7 @@ class _CeilingTest:
     """The information limit on one planned test's flights, in batches."""
 
     def __init__(self, test: DatasetRecipe, recipe: SweepRecipe) -> None:
-        self._test, self._recipe, self._ceiling = test, recipe, Ceiling(test)
+        self._test, self._recipe, self.ceiling = test, recipe, Ceiling(test)
         pool = evaluation_flights(test, CEILING_POOL)
         half = CEILING_FLIGHTS // 2
         kinds = np.flatnonzero(pool.is_unsafe)[:half], np.flatnonzero(~pool.is_unsafe)[:half]
@@ -420,17 +410,13 @@ class _CeilingTest:
         fails = self._flights.fail_index
         latest = fails.max(where=self._flights.is_unsafe, initial=0)
         self._last = np.minimum(fails, latest)  # no failure comes later
-        self.starts = range(0, len(self._which), FLIGHTS_A_TASK)
 
-    def scores(self, start: int, cancelled: Event) -> Array:
-        """Scores (n_looks, n, n_samples) of the flights from `start` on."""
-        if cancelled.is_set():
-            raise InterruptedError("the sweep was cancelled")
-        batch = slice(start, start + FLIGHTS_A_TASK)
-        with on_this_thread():
-            return self._ceiling.scores(
-                self._flights.y[batch], self._commands[batch], self._last[batch], self._windows
-            )
+    def batches(self) -> Iterator[tuple[Array, Array, Indices, Indices]]:
+        """Arguments of Ceiling.scores for a few flights each."""
+        for first in range(0, len(self._which), FLIGHTS_A_TASK):
+            batch = slice(first, first + FLIGHTS_A_TASK)
+            flown = self._flights.y[batch], self._commands[batch], self._last[batch]
+            yield *flown, self._windows
 
     def cells(self, scores: list[Array]) -> dict[tuple[str, float], Cell]:
         """Cells at the threshold that misses exactly epsilon of these failing flights.

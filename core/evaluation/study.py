@@ -1,19 +1,15 @@
 """The paper's experiment: miss rate and power of five methods over epsilon."""
 
-import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Annotated
 
 import numpy as np
 
 from core.bounds import Bounds, check_bounds
 from core.channels import KEYS
-from core.dataset import Dataset
 from core.evaluation.rates import EPSILONS, Evaluation, PooledCounts, evaluate
-from core.kernels.compiled import on_this_thread
 from core.limits.limits import Limits
 from core.monitor.calibration import smallest_epsilon
 from core.monitor.monitor import Monitor
@@ -24,6 +20,7 @@ from core.monitor.training import SafeObservations, train
 from core.planned_test.collection import DatasetRecipe, Rollouts, collect
 from core.planned_test.planned_test import LateralSimulator
 from core.seeds import monitor_seeds
+from core.tasks import Tasks
 from core.types import Array
 
 METHODS: dict[str, tuple[str, str]] = {
@@ -107,33 +104,34 @@ class StudyResult:
         return sorted(self.methods, key=lambda name: -self.methods[name].mean_power)
 
 
-Part = tuple[Dataset, Rollouts, list[Monitor], dict[str, Evaluation]]
+Part = tuple[float, dict[str, Evaluation], tuple[Monitor, Rollouts] | None]
+"""Share of unsafe rollouts, evaluations by method, and of the first part the example."""
 
 
 def study(
-    recipe: StudyRecipe | None = None, *, progress: Callable[[int, int], object] | None = None
+    recipe: StudyRecipe | None = None,
+    *,
+    executor: Executor | None = None,
+    progress: Callable[[int, int], object] | None = None,
 ) -> StudyResult:
     """Train n_monitors monitors of every method and fly fresh test flights through each.
 
-    progress: called with (monitors done, total); an exception cancels.
+    executor: see Tasks.   progress: called with (monitors done, total); an exception cancels.
     """
     recipe = recipe or StudyRecipe()
     n_monitors = recipe.n_monitors
     seeds = monitor_seeds(recipe.dataset.seed, n_monitors)
     evaluations = {name: [] for name in methods(recipe.dataset.specification)}
     rates, example = [], None
-    pool = ThreadPoolExecutor(os.cpu_count() or 1)
-    try:
-        parts = pool.map(partial(_part_alone, recipe), *zip(*seeds, strict=True))
-        for number, (dataset, flights, monitors, evaluated) in enumerate(parts):
-            rates.append(dataset.unsafe_rate)
-            example = example or (monitors[0], flights)
+    with Tasks(executor) as tasks:
+        parts = tasks.results(_part, [(recipe, number, *each) for number, each in enumerate(seeds)])
+        for number, (unsafe_rate, evaluated, kept) in enumerate(parts):
+            rates.append(unsafe_rate)
+            example = example or kept
             for name, evaluation in evaluated.items():
                 evaluations[name].append(evaluation)
             if progress:
                 progress(number + 1, n_monitors)
-    finally:
-        pool.shutdown(cancel_futures=True)
     assert example
     return StudyResult(
         recipe=recipe,
@@ -144,12 +142,7 @@ def study(
     )
 
 
-def _part_alone(recipe: StudyRecipe, seed: int, test_seed: int) -> Part:
-    with on_this_thread():
-        return _part(recipe, seed, test_seed)
-
-
-def _part(recipe: StudyRecipe, seed: int, test_seed: int) -> Part:
+def _part(recipe: StudyRecipe, number: int, seed: int, test_seed: int) -> Part:
     """One dataset, its monitors by every method, and their evaluation on the same flights."""
     dataset = collect(replace(recipe.dataset, seed=seed))
     flights = LateralSimulator(recipe.dataset).rollouts(
@@ -165,4 +158,5 @@ def _part(recipe: StudyRecipe, seed: int, test_seed: int) -> Part:
         for predictor, score in compared.values()
     ]
     evaluated = [evaluate(monitor, flights.y, flights.fail_index, epsilons) for monitor in monitors]
-    return dataset, flights, monitors, dict(zip(compared, evaluated, strict=True))
+    by_method = dict(zip(compared, evaluated, strict=True))
+    return dataset.unsafe_rate, by_method, None if number else (monitors[0], flights)

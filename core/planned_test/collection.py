@@ -1,12 +1,12 @@
 """Collection: roll out the manoeuvre on random aircraft until enough of them turn unsafe."""
 
 from bisect import bisect_left
-from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
 from dataclasses import replace
-from itertools import count
+from itertools import count, starmap
 from math import ceil
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,12 +27,14 @@ from core.simulation.imperfections import channel_array
 from core.simulation.maneuver import COLUMN, LATERAL_SURFACES, Steps
 from core.simulation.rollout import roll_out
 from core.simulation.simulator import Rollouts, Simulator, Stopped, Stops
-from core.types import Indices
+from core.tasks import Tasks
+from core.types import Flags, Indices
 
 Progress = Callable[[int, int], object]
 SimulatedTest = DatasetRecipe | NonlinearTest | OwnTest
 
-FIRST_CHUNK = 256
+FIRST_CHUNK, CHUNKS_AHEAD = 256, 4
+"""Rollouts of the first chunk, and chunks that an executor computes ahead."""
 MOST_UNSAFE = 20_000
 """Largest number of unsafe rollouts collected for a scarce group."""
 CERTAINTY = 1e-6
@@ -71,17 +73,14 @@ def collect(
     simulator, failures = recipe.simulator(), _Failures(recipe)
     parts: list[Rollouts] = []
     n_made = n_safe_stored = 0
-    for rollouts in _chunks(recipe, simulator, executor):
-        rollouts = rollouts.some(slice(recipe.max_rollouts - n_made))
-        rollouts = rollouts.some(slice(failures.add(rollouts)))
-        n_made += len(rollouts.y)
-        keep = rollouts.is_unsafe | (
-            n_safe_stored + np.cumsum(~rollouts.is_unsafe) <= recipe.max_safe
-        )
-        if not keep.all():
-            rollouts = rollouts.some(keep)
-        n_safe_stored += np.count_nonzero(~rollouts.is_unsafe)
-        parts.append(rollouts)
+    numbered = ((recipe, simulator, number, recipe.max_safe - n_safe_stored) for number in count())
+    for chunk in _chunks(numbered, executor):
+        chunk = chunk.first(recipe.max_rollouts - n_made)
+        chunk = chunk.first(failures.add(chunk.is_unsafe, chunk.stored))
+        n_made += len(chunk.is_unsafe)
+        stored = _storable(chunk.stored, recipe.max_safe - n_safe_stored)
+        n_safe_stored += int(np.count_nonzero(~stored.is_unsafe))
+        parts.append(stored)
         if progress:
             progress(min(failures.n, recipe.n_unsafe), n_made)
         if failures.n >= recipe.n_unsafe:
@@ -123,7 +122,7 @@ def combination_failures(
     failures, parts, made = _Failures(wanted), list[Rollouts](), 0
     while failures.n < n:
         flights = simulator.rollouts(min(size, recipe.max_rollouts - made), rng)
-        flights = flights.some(slice(failures.add(flights)))
+        flights = flights.some(slice(failures.add(flights.is_unsafe, flights)))
         made += len(flights.y)
         parts.append(flights.some(flights.is_unsafe))
         if progress:
@@ -200,27 +199,47 @@ def card_of(test: SimulatedTest, n_plants: int = CARD_PLANTS) -> Card:
     )
 
 
-def _chunks(
-    recipe: SimulatedTest, simulator: Simulator, executor: Executor | None
-) -> Iterator[Rollouts]:
-    """Chunks in order; an executor computes a few of them ahead."""
+class _Chunk(NamedTuple):
+    """A chunk of rollouts.
+
+    is_unsafe, is_stored: (n,).   stored: the rollouts of `is_stored`, all unsafe ones among them.
+    """
+
+    is_unsafe: Flags
+    is_stored: Flags
+    stored: Rollouts
+
+    def first(self, n: int) -> "_Chunk":
+        is_stored = self.is_stored[:n]
+        n_stored = np.count_nonzero(is_stored)
+        return _Chunk(self.is_unsafe[:n], is_stored, self.stored.some(slice(n_stored)))
+
+
+def _chunks(numbered: Iterable[tuple[Any, ...]], executor: Executor | None) -> Iterator[_Chunk]:
+    """Chunks in order; an executor computes a few of them ahead. numbered: see `_chunk`."""
     if executor is None:
-        yield from (_chunk(recipe, simulator, number) for number in count())
+        yield from starmap(_chunk, numbered)
         return
-    pending = deque(executor.submit(_chunk, recipe, simulator, number) for number in range(4))
-    try:
-        for number in count(4):
-            yield pending.popleft().result()
-            pending.append(executor.submit(_chunk, recipe, simulator, number))
-    finally:
-        for future in pending:
-            future.cancel()
+    with Tasks(executor) as tasks:
+        yield from tasks.results(_chunk, numbered, CHUNKS_AHEAD)
 
 
-def _chunk(recipe: SimulatedTest, simulator: Simulator, number: int) -> Rollouts:
-    """Roll out one numbered chunk, with its own random stream."""
+def _chunk(recipe: SimulatedTest, simulator: Simulator, number: int, most_safe: int) -> _Chunk:
+    """Roll out one numbered chunk, with its own random stream. most_safe: rollouts to store."""
     size = min(FIRST_CHUNK << min(number, 30), max(FIRST_CHUNK, recipe.most_at_once))
-    return simulator.rollouts(size, stream(recipe.seed, Branch.ROLLOUTS, number))
+    rollouts = simulator.rollouts(size, stream(recipe.seed, Branch.ROLLOUTS, number))
+    is_stored = _is_storable(rollouts, most_safe)
+    return _Chunk(rollouts.is_unsafe, is_stored, _storable(rollouts, most_safe))
+
+
+def _is_storable(rollouts: Rollouts, most_safe: int) -> Flags:
+    """(n,) all unsafe rollouts, and the first `most_safe` safe ones."""
+    return rollouts.is_unsafe | (np.cumsum(~rollouts.is_unsafe) <= most_safe)
+
+
+def _storable(rollouts: Rollouts, most_safe: int) -> Rollouts:
+    is_storable = _is_storable(rollouts, most_safe)
+    return rollouts if is_storable.all() else rollouts.some(is_storable)
 
 
 class _Failures:
@@ -235,16 +254,19 @@ class _Failures:
         self.n_met = self.n = 0
         self.scarcest = ""
 
-    def add(self, rollouts: Rollouts) -> int:
-        """Count failures up to the last one wanted; return the number of rollouts used."""
-        unsafe, before = np.flatnonzero(rollouts.is_unsafe), self.n_met
+    def add(self, is_unsafe: Flags, rollouts: Rollouts) -> int:
+        """Count failures up to the last one wanted; return the number of rollouts used.
+
+        is_unsafe: (n,) of each one made.   rollouts: of these, at least the unsafe ones.
+        """
+        unsafe, before = np.flatnonzero(is_unsafe), self.n_met
         if not isinstance(self._recipe.groups, Pooled):
-            failing = rollouts.some(unsafe)
+            failing = rollouts.some(rollouts.is_unsafe)
             self._met = failing if self._met is None else _joined([self._met, failing])
         self._count(before + len(unsafe))
         wanted = self._recipe.n_unsafe
         if self.n < wanted:
-            return len(rollouts.y)
+            return len(is_unsafe)
         more = range(1, len(unsafe) + 1)
         end = bisect_left(more, wanted, key=lambda n: self._fewest(before + n)[0])
         self._count(before + more[end])
