@@ -3,8 +3,8 @@
 Random numbers come from one stream per rollout, by position. A stream is an integer. Its words are
 those of splitmix64 (Steele, Lea and Flood, OOPSLA 2014). Each half word becomes a normal number by
 the inverse distribution: linear between tabulated quantiles, and in the tails Wichura's rational
-function (AS 241, Appl. Stat. 37, 1988). Numbers are independent, so the processor computes several
-at a time.
+function (AS 241, Appl. Stat. 37, 1988). Eight rollouts are computed side by side, each lane with
+its own stream, so a rollout's numbers depend only on its seed and number.
 """
 
 import math
@@ -14,6 +14,38 @@ from typing import NamedTuple
 import numpy as np
 
 from core.kernels.compiled import jit
+from core.kernels.lanes import (
+    WIDTH,
+    add,
+    add_whole,
+    address,
+    at_most,
+    both,
+    divide,
+    exclusive_or,
+    floor,
+    gather,
+    load,
+    load_rows,
+    load_whole,
+    lowest_bit,
+    magnitude,
+    multiply,
+    multiply_whole,
+    pick_whole,
+    read,
+    read_integer,
+    real,
+    shift_right,
+    splat,
+    splat_whole,
+    store,
+    store_rows,
+    subtract,
+    where_greater,
+    write,
+    write_integer,
+)
 from core.types import Array, Flags
 
 ERRORS, MOVES, SOFTNESS = np.int64(0), np.int64(1), np.int64(2)
@@ -24,12 +56,10 @@ CELLS = 2048
 """Cells of equal probability for a normal number; the outermost TAIL cells on each side are the
 tails, which use the rational function."""
 TAIL = 8
-_QUANTILES = np.load(Path(__file__).with_name("quantiles.npy"))
+QUANTILES = np.load(Path(__file__).with_name("quantiles.npy"))
 """(CELLS + 1,) scipy.special.ndtri(arange(CELLS + 1) / CELLS), stored to avoid a 0.2 s import."""
-_BEYOND = float(_QUANTILES[-1 - TAIL])
-_QUANTILES[[0, -1]] = _QUANTILES[[1, -2]] + np.array(
-    [-1.0, 1.0]
-)  # finite placeholders in the tails
+_BEYOND = float(QUANTILES[-1 - TAIL])
+QUANTILES[[0, -1]] = QUANTILES[[1, -2]] + np.array([-1.0, 1.0])  # finite placeholders in the tails
 _NUMERATOR = np.array(
     [7.74545014278341407640e-4, 2.27238449892691845833e-2, 2.41780725177450611770e-1,
      1.27045825245236838258, 3.64784832476320460504, 5.76949722146069140550,
@@ -75,18 +105,12 @@ def uniform(stream, position):
 
 
 @jit
-def _half(stream, k):
-    """Half word number k of a stream, 0 to 2^32 - 1."""
-    word = _word(stream, k >> 1)
-    return word & _LOW if k & 1 else word >> _S32
-
-
-@jit
-def _in_cell(half):
-    cell = half >> _BITS  # unsigned, so numba need not handle negative indices
-    low = _QUANTILES[cell]
-    share = (float(np.int64(half & _SHARE)) + 0.5) * 2.0**-21
-    return low + share * (_QUANTILES[cell + _ONE] - low)
+def _mixed_lanes(word):
+    """`_mixed` of eight words."""
+    for shift, factor in ((_S30, _MIX_1), (_S27, _MIX_2)):
+        word = exclusive_or(word, shift_right(word, splat_whole(shift)))
+        word = multiply_whole(word, splat_whole(factor))
+    return exclusive_or(word, shift_right(word, splat_whole(_S31)))
 
 
 @jit
@@ -101,21 +125,70 @@ def _in_tail(half):
 
 
 @jit
-def fill_normals(stream, out):
-    """Fill `out` (n,), n even, with the first standard normal numbers of a stream."""
-    position = np.uint64(stream)
-    for k in range(len(out) // 2):
-        position = position + _STEP
-        word = _mixed(position)
-        out[2 * k] = _in_cell(word >> _S32)
-        out[2 * k + 1] = _in_cell(word & _LOW)
-    for k in range(len(out)):
-        if abs(out[k]) >= _BEYOND:
-            out[k] = _in_tail(_half(stream, k))
+def _write_normals(quantiles, halves, normals):
+    """Write the normal numbers of eight half words, 0 to 2^32 - 1."""
+    cell = shift_right(halves, splat_whole(_BITS))
+    share = add(real(both(halves, splat_whole(_SHARE))), splat(0.5))
+    low = gather(quantiles, cell)
+    high = gather(quantiles, add_whole(cell, splat_whole(_ONE)))
+    x = add(low, multiply(multiply(share, splat(2.0**-21)), subtract(high, low)))
+    store(normals, 0, x)
+    tails = at_most(splat(_BEYOND), magnitude(x))
+    while tails:
+        lane = np.int64(lowest_bit(tails))
+        write(normals, lane, _in_tail(pick_whole(halves, lane)))
+        tails &= tails - _ONE
 
 
 @jit
-def fill_gusts(seed, fade, share, begin, noise, out, first, last):
+def write_normals(quantiles, streams, count, normals):
+    """Write the first `count` standard normal numbers of eight streams side by side; one more if
+    it is odd.
+
+    quantiles: address of QUANTILES.   streams: address of eight integers.
+    """
+    position, step, low = load_whole(streams, 0), splat_whole(_STEP), splat_whole(_LOW)
+    for k in range(0, count, 2):
+        position = add_whole(position, step)
+        word = _mixed_lanes(position)
+        _write_normals(quantiles, shift_right(word, splat_whole(_S32)), normals + 8 * WIDTH * k)
+        _write_normals(quantiles, both(word, low), normals + 8 * WIDTH * (k + 1))
+
+
+@jit
+def _set_lanes(seed, number, base, last, numbers, streams):
+    """Write the rows of eight lanes from `base`, below `last`, and the streams of their rollouts,
+    of which `number` is in the first of all rows."""
+    for lane in range(WIDTH):
+        i = min(base + lane, last - 1)
+        write_integer(numbers, lane, i)
+        write_integer(streams, lane, np.int64(stream_of(seed, number + i)))
+
+
+@jit
+def _set_streams(streams, number, below):
+    """Write stream `number` derived from each of eight streams."""
+    for lane in range(WIDTH):
+        stream = stream_of(np.uint64(read_integer(streams, lane)), number)
+        write_integer(below, lane, np.int64(stream))
+
+
+IWORK = 3 * WIDTH
+"""Integers: rollouts' numbers, their streams, streams derived from them."""
+
+
+def even(count: int) -> int:
+    """The count of normal numbers that are written."""
+    return count + count % 2
+
+
+def gusts_work(n_samples: int) -> int:
+    """Workspace of `fill_gusts` [numbers]."""
+    return 2 * n_samples * WIDTH
+
+
+@jit
+def fill_gusts(seed, fade, share, begin, noise, quantiles, work, iwork, out, first, last):
     """Fill rows first..last-1 of `out` (n, n_samples) with gusts, each from its own stream.
 
     White noise passes the filter sqrt(3) / (1 + T s) + (1 - sqrt(3)) / (1 + T s)^2 with the states
@@ -123,18 +196,23 @@ def fill_gusts(seed, fade, share, begin, noise, out, first, last):
     (3,) times two normal numbers. begin (3,): the same for the first, stationary sample. Both are
     lower triangles (11, 21, 22).
     """
-    direct, twice = np.sqrt(3.0), 1.0 - np.sqrt(3.0)
-    normals = np.empty(2 * out.shape[1])
-    for i in range(first, last):
-        fill_normals(stream_of(seed, i), normals)
-        a = begin[0] * normals[0]
-        b = begin[1] * normals[0] + begin[2] * normals[1]
-        out[i, 0] = direct * a + twice * b
-        for k in range(1, out.shape[1]):
-            z0, z1 = normals[2 * k], normals[2 * k + 1]
-            b = fade * (b + share * a) + noise[1] * z0 + noise[2] * z1
-            a = fade * a + noise[0] * z0
-            out[i, k] = direct * a + twice * b
+    direct, twice = splat(np.sqrt(3.0)), splat(1.0 - np.sqrt(3.0))
+    n_samples, w, numbers = out.shape[1], address(work), address(iwork)
+    streams = numbers + 8 * WIDTH
+    for base in range(first, last, WIDTH):
+        _set_lanes(seed, np.int64(0), base, last, numbers, streams)
+        write_normals(address(quantiles), streams, 2 * n_samples, w)
+        z0, z1 = load(w, 0), load(w, WIDTH)
+        a = multiply(splat(begin[0]), z0)
+        b = add(multiply(splat(begin[1]), z0), multiply(splat(begin[2]), z1))
+        store(w, 0, add(multiply(direct, a), multiply(twice, b)))
+        for k in range(1, n_samples):
+            z0, z1 = load(w, 2 * k * WIDTH), load(w, (2 * k + 1) * WIDTH)
+            b = multiply(splat(fade), add(b, multiply(splat(share), a)))
+            b = add(add(b, multiply(splat(noise[1]), z0)), multiply(splat(noise[2]), z1))
+            a = add(multiply(splat(fade), a), multiply(splat(noise[0]), z0))
+            store(w, k * WIDTH, add(multiply(direct, a), multiply(twice, b)))
+        store_rows(address(out), numbers, n_samples, n_samples, w)
 
 
 class InexactInputs(NamedTuple):
@@ -152,7 +230,24 @@ class InexactInputs(NamedTuple):
 
 
 @jit
-def fill_commands(seed, planned, before, most, inexact, out, rest, first, last):
+def _onset(planned, most):
+    """First of `most` samples of (n_samples, n_surfaces) with a command; `most` without one."""
+    for k in range(min(most, planned.shape[0])):
+        for s in range(planned.shape[1]):
+            if planned[k, s] != 0.0:
+                return k
+    return most
+
+
+def commands_work(n_flown: int, n_samples: int, n_surfaces: int) -> int:
+    """Workspace of `fill_commands` [numbers]."""
+    return (5 + even(n_surfaces * n_flown) + n_surfaces * n_samples) * WIDTH
+
+
+@jit
+def fill_commands(
+    seed, planned, before, most, inexact, quantiles, work, iwork, out, rest, first, last
+):
     """Fill rows first..last-1 of `out` (n, before + n_samples, n_surfaces) with commands [rad] as
     flown.
 
@@ -161,34 +256,50 @@ def fill_commands(seed, planned, before, most, inexact, out, rest, first, last):
     Small movements are stationary first-order processes, one per surface.
     """
     n_flown, n_surfaces = out.shape[1:]
-    errors, moves = np.empty(4), np.zeros(2 * ((n_surfaces * n_flown + 1) // 2))
-    gain = np.sqrt(1.0 - inexact.fade * inexact.fade)
-    for i in range(first, last):
-        row = i if len(planned) > 1 else 0
-        stream = stream_of(seed, i)
-        fill_normals(stream_of(stream, ERRORS), errors)
+    count, n_due, is_shared = n_surfaces * n_flown, n_surfaces * planned.shape[1], len(planned) == 1
+    table, numbers, errors = address(quantiles), address(iwork), address(work)
+    streams, below = numbers + 8 * WIDTH, numbers + 16 * WIDTH
+    moves = errors + 8 * 4 * WIDTH
+    due = moves + 8 * (count + count % 2) * WIDTH
+    gain, zero, two = np.sqrt(1.0 - inexact.fade * inexact.fade), splat(0.0), splat(2.0)
+    softness = due + 8 * n_due * WIDTH
+    for base in range(first, last, WIDTH):
+        _set_lanes(seed, np.int64(0), base, last, numbers, streams)
+        _set_streams(streams, ERRORS, below)
+        write_normals(table, below, np.int64(4), errors)
+        for k in range(count):
+            store(moves, k * WIDTH, zero)
         if inexact.unsteadiness > 0.0:
-            fill_normals(stream_of(stream, MOVES), moves)
-        right = 1.0 + inexact.asymmetry * errors[n_surfaces]
-        lag = inexact.softness * uniform(stream_of(stream, SOFTNESS), np.int64(0))
-        behind = np.exp(-1.0 / lag) if lag > 0.0 else 0.0
-        onset = most
+            _set_streams(streams, MOVES, below)
+            write_normals(table, below, count, moves)
+        load_rows(address(planned), numbers, 0 if is_shared else n_due, 0, n_due, due)
+        for lane in range(WIDTH):
+            i = read_integer(numbers, lane)
+            own = np.uint64(read_integer(streams, lane))
+            lag = inexact.softness * uniform(stream_of(own, SOFTNESS), np.int64(0))
+            write(softness, lane, np.exp(-1.0 / lag) if lag > 0.0 else 0.0)
+            rest[i] = max(_onset(planned[0 if is_shared else i], most), 1)
+        soft = load(softness, 0)
+        sharp = subtract(splat(1.0), soft)
+        asymmetry = multiply(splat(inexact.asymmetry), load(errors, n_surfaces * WIDTH))
+        right = add(splat(1.0), asymmetry)
+        left = subtract(two, right)
         for s in range(n_surfaces):
-            trim, move = inexact.trim * errors[s], moves[s]
-            held = 0.0
+            trim = multiply(splat(inexact.trim), load(errors, s * WIDTH))
+            move, held = load(moves, s * WIDTH), zero
             for k in range(n_flown):
+                at = (n_surfaces * k + s) * WIDTH
                 if k > 0:
-                    move = inexact.fade * move + gain * moves[n_surfaces * k + s]
-                command = trim + inexact.unsteadiness * move
+                    own_part = multiply(splat(gain), load(moves, at))
+                    move = add(multiply(splat(inexact.fade), move), own_part)
+                command = add(trim, multiply(splat(inexact.unsteadiness), move))
                 if k >= before:
-                    due = planned[row, k - before, s]
-                    if due != 0.0:
-                        onset = min(onset, k - before)
-                    held = behind * held + (1.0 - behind) * due
-                    if held != 0.0:
-                        command += held * (right if held > 0.0 else 2.0 - right)
-                out[i, k, s] = command
-        rest[i] = max(onset, 1)
+                    now = load(due, at - n_surfaces * before * WIDTH)
+                    held = add(multiply(soft, held), multiply(sharp, now))
+                    factor = where_greater(held, zero, right, left)
+                    command = add(command, multiply(held, factor))
+                store(moves, at, command)
+        store_rows(address(out), numbers, count, count, moves)
 
 
 class Instruments(NamedTuple):
@@ -215,60 +326,111 @@ def subtract_trim(y, start, every, rest, from_trim, first, last):
     from_trim: (n_channels,) which.
     y: (n, n_steps, n_channels); one sample every `every` steps from `start`.   rest: (n,) samples.
     """
+    n_channels = y.shape[2]
+    trim, line = np.empty(n_channels * WIDTH), n_channels * WIDTH
     for i in range(first, last):
-        for c in np.flatnonzero(from_trim):
-            trim = 0.0
-            for k in range(rest[i]):
-                trim += y[i, start + k * every, c]
-            trim /= rest[i]
-            for k in range(y.shape[1]):
-                y[i, k, c] -= trim
+        trim[:] = 0.0
+        for k in range(rest[i]):
+            for c in range(n_channels):
+                trim[c] += y[i, start + k * every, c]
+        for c in range(n_channels):
+            mean = trim[c] / rest[i] if from_trim[c] else 0.0
+            trim[c::n_channels] = mean
+        row = y[i].reshape(-1)
+        whole = len(row) - len(row) % line
+        for at in range(0, whole, line):
+            for c in range(line):
+                row[at + c] -= trim[c]
+        for at in range(whole, len(row)):
+            row[at] -= trim[at - whole]
+
+
+def record_work(n_steps: int, n_samples: int, n_channels: int) -> int:
+    """Workspace of `record` [numbers]."""
+    return (n_steps * n_channels + even(n_samples * n_channels) + 7 * n_channels) * WIDTH
 
 
 @jit
-def record(seed, y, start, every, rest, instruments, out, first, last):
+def record(
+    seed, number, y, start, every, rest, instruments, quantiles, work, iwork, out, first, last
+):
     """Record rollouts first..last-1 of true outputs `y` into `out`, each with its own errors.
 
     y, start, every, rest: as in `subtract_trim`.   out: (n, n_samples, n_channels), from trim or
-    absolute.
+    absolute.   number: of the first of all rows among the rollouts of the seed.
     """
-    n_samples, n_channels = out.shape[1:]
-    noise = np.empty(2 * ((n_channels * n_samples + 1) // 2))
-    errors, whole = np.empty(2 * n_channels), np.empty(n_channels, np.int64)
-    before, gain = np.empty(n_channels), np.empty(n_channels)
-    for i in range(first, last):
-        stream = stream_of(seed, i)
-        lags = stream_of(stream, LAGS)
-        fill_normals(stream_of(stream, ERRORS), errors)
-        fill_normals(stream_of(stream, NOISE), noise)
-        for c in range(n_channels):
-            lag = instruments.lag[c] * uniform(lags, c)
-            whole[c], before[c] = int(lag), lag - int(lag)
-            gain[c] = 1.0 + instruments.gain[c] * errors[c]
-        for k in range(n_samples):
+    n_steps, (n_samples, n_channels) = y.shape[1], out.shape[1:]
+    count, line = n_samples * n_channels, n_channels * WIDTH
+    table, numbers = address(quantiles), address(iwork)
+    streams, below = numbers + 8 * WIDTH, numbers + 16 * WIDTH
+    earliest = max(start - 1 - int(instruments.lag.max()), 0)
+    n_true = (start + (n_samples - 1) * every - earliest + 1) * n_channels
+    true = address(work)
+    seen = true + 8 * n_true * WIDTH
+    errors = seen + 8 * (count + count % 2) * WIDTH
+    gains, parts, between = errors + 16 * line, errors + 24 * line, errors + 32 * line
+    late, whole = errors + 40 * line, np.empty((n_channels, WIDTH), np.int64)
+    zero, half = splat(0.0), splat(0.5)
+    for base in range(first, last, WIDTH):
+        _set_lanes(seed, number, base, last, numbers, streams)
+        load_rows(address(y), numbers, n_steps * n_channels, earliest * n_channels, n_true, true)
+        _set_streams(streams, ERRORS, below)
+        write_normals(table, below, 2 * n_channels, errors)
+        _set_streams(streams, NOISE, below)
+        write_normals(table, below, count, seen)
+        most = 0
+        for lane in range(WIDTH):
+            lags = stream_of(np.uint64(read_integer(streams, lane)), LAGS)
+            most = max(most, rest[read_integer(numbers, lane)])
             for c in range(n_channels):
-                at = start + k * every - whole[c]
-                now, earlier = y[i, max(at, 0), c], y[i, max(at - 1, 0), c]
-                value = now + before[c] * (earlier - now)
-                if instruments.from_trim[c]:
-                    value *= gain[c]
-                else:
-                    value = y[i, start, c] + gain[c] * (value - y[i, start, c])
-                out[i, k, c] = value + instruments.noise[c] * noise[n_channels * k + c]
+                lag = instruments.lag[c] * uniform(lags, c)
+                whole[c, lane] = int(lag)
+                write(parts, c * WIDTH + lane, lag - int(lag))
+                write(between, c * WIDTH + lane, uniform(lags, n_channels + c))
         for c in range(n_channels):
-            if instruments.step[c] > 0.0:
-                _quantise(out[i, :, c], instruments.step[c], uniform(lags, n_channels + c))
-            trim = 0.0
+            error = multiply(splat(instruments.gain[c]), load(errors, c * WIDTH))
+            store(gains, c * WIDTH, add(splat(1.0), error))
+        is_late = whole.any()
+        for k in range(n_samples):
+            row = start + k * every - earliest
+            for c in range(n_channels):
+                lane_c = c * WIDTH
+                at = row * line + lane_c
+                if is_late:
+                    for lane in range(WIDTH):
+                        then = max(row - whole[c, lane], 0)
+                        write(late, lane, read(true, then * line + lane_c + lane))
+                        then = max(then - 1, 0)
+                        write(late, WIDTH + lane, read(true, then * line + lane_c + lane))
+                    now, earlier = load(late, 0), load(late, WIDTH)
+                else:
+                    now, earlier = load(true, at), load(true, at - line if row > 0 else at)
+                value = add(now, multiply(load(parts, lane_c), subtract(earlier, now)))
+                gain = load(gains, lane_c)
+                if instruments.from_trim[c]:
+                    value = multiply(value, gain)
+                else:
+                    origin = load(true, (start - earliest) * line + lane_c)
+                    value = add(origin, multiply(gain, subtract(value, origin)))
+                place = k * line + lane_c
+                noise = multiply(splat(instruments.noise[c]), load(seen, place))
+                value = add(value, noise)
+                if instruments.step[c] > 0.0:
+                    step, apart = splat(instruments.step[c]), load(between, lane_c)
+                    steps = floor(add(divide(value, step), apart))
+                    value = multiply(step, add(subtract(steps, apart), half))
+                store(seen, place, value)
+        for lane in range(WIDTH):
+            write(late, lane, float(rest[read_integer(numbers, lane)]))
+        at_rest = load(late, 0)
+        for c in range(n_channels):
+            trim = zero
             if instruments.from_trim[c]:
-                for k in range(rest[i]):
-                    trim += out[i, k, c]
-            trim = trim / rest[i] - instruments.bias[c] * errors[n_channels + c]
-            for k in range(n_samples):
-                out[i, k, c] -= trim
-
-
-@jit
-def _quantise(values, step, between):
-    """Round (n,) to whole steps. between: position of 0 between two steps, 0 to 1."""
-    for k in range(len(values)):
-        values[k] = step * (np.floor(values[k] / step + between) - between + 0.5)
+                for k in range(most):
+                    more = add(trim, load(seen, k * line + c * WIDTH))
+                    trim = where_greater(at_rest, splat(float(k)), more, trim)
+            bias = multiply(splat(instruments.bias[c]), load(errors, line + c * WIDTH))
+            trim = subtract(divide(trim, at_rest), bias)
+            for at in range(c * WIDTH, n_samples * line, line):
+                store(seen, at, subtract(load(seen, at), trim))
+        store_rows(address(out), numbers, count, count, seen)

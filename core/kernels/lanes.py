@@ -19,6 +19,7 @@ from numba.core.errors import TypingError
 from numba.extending import intrinsic as numba_intrinsic
 from numba.extending import models, register_model
 
+from core.kernels.compiled import jit
 from core.types import Array
 
 intrinsic: Any = numba_intrinsic  # decorated functions are called without the argument `typing`
@@ -29,11 +30,19 @@ _VECTOR = ir.VectorType(ir.DoubleType(), WIDTH)
 _REAL = ir.DoubleType()
 _INDEX = ir.IntType(32)
 _INTEGER = ir.IntType(64)
+_INTEGERS = ir.VectorType(_INTEGER, WIDTH)
 
 
 class _LanesType(types.Type):
     def __init__(self) -> None:
         super().__init__(name="Lanes")
+
+
+class _WholeLanesType(types.Type):
+    """Eight unsigned integers of 64 bits."""
+
+    def __init__(self) -> None:
+        super().__init__(name="WholeLanes")
 
 
 @register_model(_LanesType)
@@ -42,7 +51,13 @@ class _LanesModel(models.PrimitiveModel):
         super().__init__(manager, numba_type, _VECTOR)
 
 
-lanes = _LanesType()
+@register_model(_WholeLanesType)
+class _WholeLanesModel(models.PrimitiveModel):
+    def __init__(self, manager, numba_type) -> None:
+        super().__init__(manager, numba_type, _INTEGERS)
+
+
+lanes, whole_lanes = _LanesType(), _WholeLanesType()
 
 
 def aligned(size: int) -> Array:
@@ -94,6 +109,7 @@ def _writer(numba_type, llvm_type):
 
 
 load, store = _reader(lanes, _VECTOR), _writer(lanes, _VECTOR)
+load_whole, store_whole = _reader(whole_lanes, _INTEGERS), _writer(whole_lanes, _INTEGERS)
 read, write = _reader(types.float64, _REAL), _writer(types.float64, _REAL)
 read_integer, write_integer = _reader(types.int64, _INTEGER), _writer(types.int64, _INTEGER)
 
@@ -127,32 +143,65 @@ def pointer_to(numba_type):
     return pointer
 
 
+def _spread(numba_type, numba_scalar, vector):
+    @intrinsic
+    def spread(typing, scalar):
+        """One number in all eight lanes."""
+
+        def generate(context, builder, signature, arguments):
+            first = builder.insert_element(
+                ir.Constant(vector, ir.Undefined), arguments[0], _INDEX(0)
+            )
+            zeros = ir.Constant(ir.VectorType(_INDEX, WIDTH), [0] * WIDTH)
+            return builder.shuffle_vector(first, first, zeros)
+
+        return numba_type(numba_scalar), generate
+
+    return spread
+
+
+splat = _spread(lanes, types.float64, _VECTOR)
+splat_whole = _spread(whole_lanes, types.uint64, _INTEGERS)
+
+
+def _of_two(numba_type, instruction: str):
+    @intrinsic
+    def operation(typing, a, b):
+        """Return the result of an instruction on each lane."""
+        return numba_type(numba_type, numba_type), lambda context, builder, signature, x: getattr(
+            builder, instruction
+        )(*x)
+
+    return operation
+
+
+add, subtract = _of_two(lanes, "fadd"), _of_two(lanes, "fsub")
+multiply, divide = _of_two(lanes, "fmul"), _of_two(lanes, "fdiv")
+add_whole, multiply_whole = _of_two(whole_lanes, "add"), _of_two(whole_lanes, "mul")
+exclusive_or, shift_right = _of_two(whole_lanes, "xor"), _of_two(whole_lanes, "lshr")
+both = _of_two(whole_lanes, "and_")
+
+
 @intrinsic
-def splat(typing, scalar):
-    """One number in all eight lanes."""
+def real(typing, whole):
+    """Integers below 2^63 as real numbers."""
+    return lanes(whole_lanes), lambda context, builder, signature, x: builder.sitofp(*x, _VECTOR)
+
+
+@intrinsic
+def gather(typing, address, positions):
+    """The numbers at eight positions."""
 
     def generate(context, builder, signature, arguments):
-        undefined = ir.Constant(_VECTOR, ir.Undefined)
-        first = builder.insert_element(undefined, arguments[0], _INDEX(0))
-        zeros = ir.Constant(ir.VectorType(_INDEX, WIDTH), [0] * WIDTH)
-        return builder.shuffle_vector(first, first, zeros)
+        address, positions = arguments
+        table = builder.inttoptr(address, _REAL.as_pointer())
+        out = ir.Constant(_VECTOR, ir.Undefined)
+        for lane in map(_INDEX, range(WIDTH)):
+            place = builder.gep(table, [builder.extract_element(positions, lane)])
+            out = builder.insert_element(out, builder.load(place), lane)
+        return out
 
-    return lanes(types.float64), generate
-
-
-@intrinsic
-def add(typing, a, b):
-    return lanes(lanes, lanes), lambda context, builder, signature, x: builder.fadd(*x)
-
-
-@intrinsic
-def subtract(typing, a, b):
-    return lanes(lanes, lanes), lambda context, builder, signature, x: builder.fsub(*x)
-
-
-@intrinsic
-def multiply(typing, a, b):
-    return lanes(lanes, lanes), lambda context, builder, signature, x: builder.fmul(*x)
+    return lanes(types.intp, whole_lanes), generate
 
 
 @intrinsic
@@ -163,9 +212,16 @@ def fma(typing, a, b, c):
     )
 
 
-@intrinsic
-def magnitude(typing, a):
-    return lanes(lanes), lambda context, builder, signature, x: _call(builder, "fabs", x)
+def _of_one(name: str):
+    @intrinsic
+    def operation(typing, a):
+        """Return one of LLVM's functions of each lane."""
+        return lanes(lanes), lambda context, builder, signature, x: _call(builder, name, x)
+
+    return operation
+
+
+magnitude, floor = _of_one("fabs"), _of_one("floor")
 
 
 @intrinsic
@@ -181,14 +237,20 @@ def total(typing, a):
     return types.float64(lanes), generate
 
 
-@intrinsic
-def pick(typing, a, lane):
-    """Return one lane, 0 to 7."""
+def _picker(numba_type, numba_scalar):
+    @intrinsic
+    def pick(typing, a, lane):
+        """Return one lane, 0 to 7."""
 
-    def generate(context, builder, signature, arguments):
-        return builder.extract_element(arguments[0], arguments[1])
+        def generate(context, builder, signature, arguments):
+            return builder.extract_element(*arguments)
 
-    return types.float64(lanes, types.intp), generate
+        return numba_scalar(numba_type, types.intp), generate
+
+    return pick
+
+
+pick, pick_whole = _picker(lanes, types.float64), _picker(whole_lanes, types.uint64)
 
 
 @intrinsic
@@ -202,15 +264,22 @@ def where_greater(typing, a, b, x, y):
     return lanes(lanes, lanes, lanes, lanes), generate
 
 
-@intrinsic
-def at_most(typing, a, b):
-    """One bit per lane, lowest for the first lane: whether a <= b."""
+def _comparison(instruction: str, operator: str):
+    @intrinsic
+    def compare(typing, a, b):
+        """One bit per lane, lowest for the first lane: whether the comparison holds."""
 
-    def generate(context, builder, signature, arguments):
-        lower = builder.fcmp_ordered("<=", *arguments)
-        return builder.zext(builder.bitcast(lower, ir.IntType(WIDTH)), _INTEGER)
+        def generate(context, builder, signature, arguments):
+            holds = getattr(builder, instruction)(operator, *arguments)
+            return builder.zext(builder.bitcast(holds, ir.IntType(WIDTH)), _INTEGER)
 
-    return types.uint64(lanes, lanes), generate
+        return types.uint64(lanes, lanes), generate
+
+    return compare
+
+
+at_most, differs = _comparison("fcmp_ordered", "<="), _comparison("fcmp_unordered", "!=")
+"""`differs` holds for NaN, `at_most` does not."""
 
 
 @intrinsic
@@ -314,21 +383,85 @@ def store_transposed(typing, source, rows, target, places, offset):
     def generate(context, builder, signature, arguments):
         source, rows, target, places, offset = arguments
 
-        def integer(base, i):
-            return builder.load(_pointer(builder, base, _INTEGER(i), _INTEGER))
+        def row(i):
+            return _pointer(builder, source, _integer(builder, rows, i), _VECTOR)
 
-        columns = [
-            builder.load(_pointer(builder, source, integer(rows, i), _VECTOR), align=8)
-            for i in range(WIDTH)
-        ]
-        for half in (4, 2, 1):
-            columns = _exchange(builder, columns, half)
-        for lane, column in enumerate(columns):
-            at = builder.add(integer(places, lane), offset)
-            builder.store(column, _pointer(builder, target, at, _VECTOR), align=8)
+        def place(lane):
+            at = builder.add(_integer(builder, places, lane), offset)
+            return _pointer(builder, target, at, _VECTOR)
+
+        _transpose(builder, row, place)
         return context.get_dummy_value()
 
     return types.void(*[types.intp] * 5), generate
+
+
+def _between_rows_and_lanes(to_lanes: bool):
+    @intrinsic
+    def exchange(typing, rows, numbers, length, offset, vectors):
+        """Transpose an 8 x 8 block between eight rows and eight vectors.
+
+        rows[numbers[l] length + offset + i] and vectors[8 i + l]; numbers: address of eight
+        integers.
+        """
+
+        def generate(context, builder, signature, arguments):
+            rows, numbers, length, offset, vectors = arguments
+
+            def row(lane):
+                start = builder.mul(_integer(builder, numbers, lane), length)
+                return _pointer(builder, rows, builder.add(start, offset), _VECTOR)
+
+            def vector(i):
+                return _pointer(builder, vectors, _INTEGER(WIDTH * i), _VECTOR)
+
+            _transpose(builder, *((row, vector) if to_lanes else (vector, row)))
+            return context.get_dummy_value()
+
+        return types.void(*[types.intp] * 5), generate
+
+    return exchange
+
+
+_load_block, _store_block = _between_rows_and_lanes(True), _between_rows_and_lanes(False)
+
+
+@jit
+def load_rows(rows, numbers, length, first, count, vectors):
+    """Copy `count` numbers from `first` on of eight rows, each `length` long, side by side.
+
+    numbers: address of the rows' eight numbers.
+    """
+    for k in range(0, count - WIDTH + 1, WIDTH):
+        _load_block(rows, numbers, length, first + k, vectors + 8 * WIDTH * k)
+    for lane in range(WIDTH):
+        at = read_integer(numbers, lane) * length + first
+        for k in range(count - count % WIDTH, count):
+            write(vectors, k * WIDTH + lane, read(rows, at + k))
+
+
+@jit
+def store_rows(rows, numbers, length, count, vectors):
+    """Copy `count` vectors to the beginnings of eight rows, see `load_rows`."""
+    for k in range(0, count - WIDTH + 1, WIDTH):
+        _store_block(rows, numbers, length, k, vectors + 8 * WIDTH * k)
+    for lane in range(WIDTH):
+        at = read_integer(numbers, lane) * length
+        for k in range(count - count % WIDTH, count):
+            write(rows, at + k, read(vectors, k * WIDTH + lane))
+
+
+def _integer(builder, base, i):
+    return builder.load(_pointer(builder, base, _INTEGER(i), _INTEGER))
+
+
+def _transpose(builder, source, target):
+    """Write lane l of the eight source vectors to target l; both give a pointer by number."""
+    columns = [builder.load(source(i), align=8) for i in range(WIDTH)]
+    for half in (4, 2, 1):
+        columns = _exchange(builder, columns, half)
+    for lane, column in enumerate(columns):
+        builder.store(column, target(lane), align=8)
 
 
 def _exchange(builder, rows, half):

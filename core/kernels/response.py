@@ -11,8 +11,11 @@ from core.kernels.lanes import (
     WIDTH,
     add,
     address,
+    differs,
+    divide,
     fma,
     load,
+    load_rows,
     magnitude,
     multiply,
     read,
@@ -78,32 +81,30 @@ def place_lanes(which, base, n_rollouts, length):
 @jit
 def gather_commands(pilot, which, commands):
     """Copy pilot commands (shared or one per rollout) into (n_samples, 2) lanes."""
-    for lane in range(WIDTH):
-        n = read_integer(which, lane) if pilot.shape[0] > 1 else 0
-        for k in range(pilot.shape[1]):
-            for s in range(2):
-                write(commands, (k * 2 + s) * WIDTH + lane, pilot[n, k, s])
+    count = 2 * pilot.shape[1]
+    load_rows(address(pilot), which, count if pilot.shape[0] > 1 else 0, 0, count, commands)
 
 
 @jit
 def gather_gusts(gusts, which, step, rates):
     """Copy the rates of the gusts' sideslip [rad/s], one per step, into lanes."""
-    for lane in range(WIDTH):
-        n = read_integer(which, lane)
-        for k in range(gusts.sideslip.shape[1] - 1):
-            change = gusts.sideslip[n, k + 1] - gusts.sideslip[n, k]
-            write(rates, k * WIDTH + lane, change / step)
+    count, step = gusts.sideslip.shape[1], splat(step)
+    load_rows(address(gusts.sideslip), which, count, 0, count, rates)
+    for at in range(0, (count - 1) * WIDTH, WIDTH):
+        change = subtract(load(rates, at + WIDTH), load(rates, at))
+        store(rates, at, divide(change, step))
 
 
 @jit
 def note_changes(commands, n_samples, changed, used):
     """Mark the samples at which any command changes, and the surfaces that are commanded."""
-    for k in range(n_samples):
-        for i in range(2 * WIDTH):
-            at = k * 2 * WIDTH + i
-            if read(commands, at) != (read(commands, at - 2 * WIDTH) if k > 0 else 0.0):
-                changed[k] = True
-                used[i // WIDTH] = True
+    for s in range(2):
+        before = splat(0.0)
+        for k in range(n_samples):
+            command = load(commands, (2 * k + s) * WIDTH)
+            if differs(command, before):
+                changed[k] = used[s] = True
+            before = command
 
 
 @jit

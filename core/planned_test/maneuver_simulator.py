@@ -11,7 +11,7 @@ import numpy as np
 from core.channels import Dictionary
 from core.computed import complete
 from core.limits.limits import Envelope
-from core.simulation.imperfections import Imperfections, channel_array, from_trim
+from core.simulation.imperfections import Imperfections, channel_array, from_trim, seed_of
 from core.simulation.maneuver import Maneuver
 from core.simulation.simulator import Parameters, Rollouts, Stopped
 from core.simulation.turbulence import LateralGust
@@ -24,7 +24,9 @@ USUAL_TIMING_JITTER_S, USUAL_AMPLITUDE_JITTER = 0.1, 0.15
 
 Look = Callable[[Array, Array], object]
 """Called with the true outputs (n, n_samples, n_measured), from trim where channels count from it,
-and with that trim (n, n_measured)."""
+and with that trim (n, n_measured), of a block of flights after the other."""
+BLOCK = 1024
+"""Flights whose true outputs the processor's cache holds from their computation to their record."""
 
 
 class Noise(Protocol):
@@ -99,7 +101,7 @@ class Drawn(NamedTuple):
     rest: Indices
     gusts: tuple[Array, ...]
 
-    def some(self, which: Indices) -> "Drawn":
+    def some(self, which: Indices | slice) -> "Drawn":
         commands = self.commands if len(self.commands) == 1 else self.commands[which]
         gusts = tuple(gust[which] for gust in self.gusts)
         return Drawn(self.theta[which], commands, self.rest[which], gusts)
@@ -160,7 +162,7 @@ class ManeuverSimulator(ABC):
             peaks.append(np.nan_to_num(parts, nan=np.inf, posinf=np.inf).max(axis=(1, 2)))
 
         rollouts = self._rolled_out(self._flown(theta, pilot, rng), rng, look)
-        return rollouts, peaks[0]
+        return rollouts, np.concatenate(peaks)
 
     def _rolled_out(self, drawn: Drawn, rng: np.random.Generator, look: Look) -> Rollouts:
         """Roll out flights as measured. look: as in `recorded`; trim is 0 without
@@ -183,17 +185,24 @@ class ManeuverSimulator(ABC):
         return self._recorded(self._drawn(n, rng), rng, look)
 
     def _recorded(self, drawn: Drawn, rng: np.random.Generator, look: Look) -> Rollouts:
-        test, imperfections = self.test, self.test.imperfections
-        every, step = test.substeps, test.dt / test.substeps
-        start = imperfections.run_up(test.dt) * every
-        y = self.outputs(drawn)
-        trim = y[:, start].copy()
-        first = self._first_exceedance(y, drawn)
-        trim -= y[:, start]
-        look(y[:, start::every], trim)
+        test, n = self.test, len(drawn.theta)
+        start = test.imperfections.run_up(test.dt) * test.substeps
         noise = channel_array(test.noise, self.dictionary.measured)
-        out = imperfections.record(y, start, every, drawn.rest, noise, step, rng, self.dictionary)
-        return Rollouts(complete(self.dictionary, out, self.dt), first, drawn.theta)
+        seed, step = seed_of(rng), test.dt / test.substeps
+        out = np.empty((n, test.maneuver.n_samples(test.dt), len(noise)))
+        fail_index = np.empty(n, np.int64)
+        for block in (slice(first, first + BLOCK) for first in range(0, n, BLOCK)):
+            some = drawn.some(block)
+            y = self.outputs(some)
+            trim = y[:, start].copy()
+            fail_index[block] = self._first_exceedance(y, some)
+            trim -= y[:, start]
+            look(y[:, start :: test.substeps], trim)
+            test.imperfections.record(
+                y, start, test.substeps, drawn.rest[block], noise, step, seed,
+                self.dictionary, block.start, out[block],
+            )  # fmt: skip
+        return Rollouts(complete(self.dictionary, out, self.dt), fail_index, drawn.theta)
 
     def stopping(self, n: int, rng: np.random.Generator, theta: Array | None = None) -> Stopped:
         """Draw n flights from rng as `rollouts` does, to fly some again with the manoeuvre stopped.

@@ -10,12 +10,17 @@ from core.bounds import NOT_NEGATIVE, check_bounds
 from core.channels import KEYS, LATERAL, Dictionary
 from core.kernels.compiled import in_chunks
 from core.kernels.imperfections import (
+    IWORK,
+    QUANTILES,
     InexactInputs,
     Instruments,
+    commands_work,
     fill_commands,
     record,
+    record_work,
     subtract_trim,
 )
+from core.kernels.lanes import aligned
 from core.simulation.turbulence import (
     LateralGust,
     Turbulence,
@@ -166,9 +171,11 @@ class Imperfections:
         first planned input, from 1 to `most`; trim is their mean.
         """
         before = self.run_up(dt)
-        out = np.empty((n, before + planned.shape[1], planned.shape[2]))
+        planned = np.ascontiguousarray(planned)
+        n_samples, n_surfaces = planned.shape[1:]
+        out = np.empty((n, before + n_samples, n_surfaces))
         rest = np.empty(n, np.int64)
-        seed, most = _seed(rng), max(most, 1)
+        seed, most = seed_of(rng), max(most, 1)
         inexact = InexactInputs(
             self.asymmetry,
             radians(self.trim_deg),
@@ -176,13 +183,13 @@ class Imperfections:
             exp(-dt / UNSTEADY_S),
             self.softness_s / dt,
         )
-        in_chunks(
-            n,
-            CHUNK,
-            lambda first, last: fill_commands(
-                seed, planned, before, most, inexact, out, rest, first, last
-            ),
-        )
+        size = commands_work(before + n_samples, n_samples, n_surfaces)
+
+        def fill(first: int, last: int) -> None:
+            work = QUANTILES, aligned(size), np.empty(IWORK, np.int64)
+            fill_commands(seed, planned, before, most, inexact, *work, out, rest, first, last)
+
+        in_chunks(n, CHUNK, fill)
         return out, rest
 
     def gusts(
@@ -191,7 +198,7 @@ class Imperfections:
         """Draw sideslip of the air (n, n_steps) [rad], `step` s apart; None without gust."""
         if gust is None:
             return None
-        return sideslip_gusts(gust, step, n, n_steps, _seed(rng))
+        return sideslip_gusts(gust, step, n, n_steps, seed_of(rng))
 
     def record(
         self,
@@ -201,18 +208,21 @@ class Imperfections:
         rest: Indices,
         noise: Array,
         step: float,
-        rng: np.random.Generator,
+        seed: np.uint64,
         dictionary: Dictionary = LATERAL,
+        number: int = 0,
+        out: Array | None = None,
     ) -> Array:
         """Record true outputs (n, n_samples, n_channels), each rollout with its own errors.
 
         y: (n, n_steps, n_channels), one row each `step` s; every `every`-th from `start` on is
         recorded.   rest: of `fly`.   noise: (n_channels,) 1 sigma.
         dictionary: its measured channels are those of y; absolute ones keep their trim.
+        number: of the first of these rollouts among all of the seed.   out: written if given.
         """
         keys, n_channels = dictionary.measured, y.shape[2]
-        seed = _seed(rng)
-        out = np.empty((len(y), (y.shape[1] - start - 1) // every + 1, n_channels))
+        if out is None:
+            out = np.empty((len(y), (y.shape[1] - start - 1) // every + 1, n_channels))
         instruments = Instruments(
             gain=np.full(n_channels, self.gain),
             bias=self.bias * noise,
@@ -221,11 +231,13 @@ class Imperfections:
             step=channel_array(self.quantisation, keys),
             from_trim=counts_from_trim(dictionary),
         )
-        in_chunks(
-            len(y),
-            CHUNK,
-            lambda first, last: record(seed, y, start, every, rest, instruments, out, first, last),
-        )
+        size = record_work(y.shape[1], *out.shape[1:])
+
+        def fill(first: int, last: int) -> None:
+            work = QUANTILES, aligned(size), np.empty(IWORK, np.int64)
+            record(seed, number, y, start, every, rest, instruments, *work, out, first, last)
+
+        in_chunks(len(y), CHUNK, fill)
         return out
 
 
@@ -251,7 +263,8 @@ def from_trim(
     return y[:, start:]
 
 
-def _seed(rng: np.random.Generator) -> np.uint64:
+def seed_of(rng: np.random.Generator) -> np.uint64:
+    """Draw the seed of the streams of many rollouts."""
     return rng.integers(2**64, dtype=np.uint64)
 
 

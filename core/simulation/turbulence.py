@@ -6,7 +6,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from core.kernels.compiled import in_chunks
-from core.kernels.imperfections import fill_gusts
+from core.kernels.imperfections import IWORK, QUANTILES, fill_gusts, gusts_work
+from core.kernels.lanes import aligned
 from core.types import Array
 
 Turbulence = Literal["none", "smooth", "light", "moderate", "severe", "given"]
@@ -88,6 +89,9 @@ def sideslip_gusts(
             steps,
             gust.sigma * _triangle(0.5, 0.25, 0.25),
             _triangle(a, ab, b),
+            QUANTILES,
+            aligned(gusts_work(n_samples)),
+            np.empty(IWORK, np.int64),
             out,
             first,
             last,

@@ -1,3 +1,5 @@
+import hashlib
+from contextlib import nullcontext
 from dataclasses import fields, replace
 from typing import Any
 
@@ -5,6 +7,8 @@ import numpy as np
 import pytest
 
 from core.channels import KEYS
+from core.kernels.compiled import on_this_thread
+from core.planned_test import maneuver_simulator
 from core.planned_test.planned_test import USUAL_NOISE, DatasetRecipe, LateralSimulator, SensorNoise
 from core.simulation import imperfections
 from core.simulation.aircraft import AIRCRAFT, MatrixAircraft, PublishedAircraft
@@ -14,6 +18,7 @@ from core.simulation.imperfections import (
     Quantisation,
     channel_array,
     from_trim,
+    seed_of,
 )
 from core.simulation.rollout import roll_out
 from core.simulation.turbulence import FOOT, intensity, scale_length
@@ -33,7 +38,7 @@ def truth() -> np.ndarray:
 
 def recorded(errors: Imperfections, noise: np.ndarray = QUIET, seed: int = 1) -> np.ndarray:
     rng = np.random.default_rng(seed)
-    return errors.record(truth(), START, EVERY, REST, noise, DT / EVERY, rng)
+    return errors.record(truth(), START, EVERY, REST, noise, DT / EVERY, seed_of(rng))
 
 
 def correlations(columns: np.ndarray) -> np.ndarray:
@@ -71,6 +76,16 @@ def test_noise_is_white_with_its_mean_at_rest_removed():
     np.testing.assert_allclose(error[:, :10].mean(axis=1), 0.0, atol=1e-9)
     white = error[:, 10:, 0] - error[:, 10:, 0].mean(axis=1, keepdims=True)
     assert abs(np.corrcoef(white[:, 1:].ravel(), white[:, :-1].ravel())[0, 1]) < 0.05
+
+
+def test_noise_of_channels_and_rollouts_is_independent():
+    still, sigma = np.zeros((N, START + 2 * SAMPLES, 6)), np.ones(6)
+    y = Imperfections().record(still, START, 1, REST, sigma, DT, np.uint64(5))[:, 10:]
+    y = y - y.mean(axis=1, keepdims=True)
+    assert correlations(y.reshape(-1, 6)).max() < 4 / np.sqrt(y[..., 0].size)
+    for others in (y[1:, :, 0], y[:-1, :, 1]):
+        together = (y[:-1, :, 0] * others).mean() / y[..., 0].var()
+        assert abs(together) < 4 / np.sqrt(others.size)
 
 
 def test_bias_after_trim_scales_with_the_noise():
@@ -248,12 +263,23 @@ def test_labels_of_finer_steps_count_at_the_later_sample():
 def test_bits_of_a_rollout_do_not_depend_on_the_threads(monkeypatch):
     recipe = CLEAN.as_flown()
     everything = LateralSimulator(recipe).rollouts(300, np.random.default_rng(2))
-    monkeypatch.setattr(imperfections, "CHUNK", 7)
-    again = LateralSimulator(recipe).rollouts(300, np.random.default_rng(2))
-    np.testing.assert_array_equal(again.y, everything.y)
-    np.testing.assert_array_equal(again.fail_index, everything.fail_index)
+    for chunk, block in ((7, 1024), (128, 50), (13, 37)):
+        monkeypatch.setattr(imperfections, "CHUNK", chunk)
+        monkeypatch.setattr(maneuver_simulator, "BLOCK", block)
+        for where in (nullcontext, on_this_thread):
+            with where():
+                again = LateralSimulator(recipe).rollouts(300, np.random.default_rng(2))
+            np.testing.assert_array_equal(again.y, everything.y)
+            np.testing.assert_array_equal(again.fail_index, everything.fail_index)
     other = LateralSimulator(recipe).rollouts(300, np.random.default_rng(3))
     assert not np.array_equal(other.y, everything.y)
+
+
+def test_a_recipe_flies_the_rollouts_of_earlier_versions():
+    recipe = replace(DatasetRecipe(), substeps=2).as_trained()
+    y = LateralSimulator(recipe).rollouts(21, np.random.default_rng(5)).y
+    digest = hashlib.sha256((np.round(y, 9) + 0.0).tobytes()).hexdigest()
+    assert digest.startswith("83ab684b53c93a9e")
 
 
 def test_without_imperfections_the_bits_equal_earlier_versions():
