@@ -29,6 +29,7 @@ from app.assessment.trim import CausalTrim, departure, input_sizes
 from core.channels import LATERAL
 from core.conditions import Condition, ConditionKey
 from core.kernels import assessing
+from core.limits.exceedance import Exceeded, exceedance
 from core.limits.limits import Envelope
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import REASONS, Cause, withdrawn
@@ -85,6 +86,12 @@ class ReceivedExceedance(NamedTuple):
     recorded: Array
     limits: Envelope
     beyond: str = ""
+
+    def exceeded(self, keys: Sequence[str]) -> Exceeded:
+        """keys: of the channels."""
+        measured = exceedance(keys, self.limits, self.y, self.recorded)
+        assert measured is not None
+        return Exceeded(self.t, measured)
 
 
 class GridMonitor:

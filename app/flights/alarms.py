@@ -22,7 +22,7 @@ from app.assessment.input_checks import DOUBT_KINDS, Doubt
 from app.flights.clock import Clock
 from app.flights.verdict import exceeds_from_trim
 from core.flight_events import Alarm
-from core.limits.exceedance import MeasuredExceedance
+from core.limits.exceedance import Exceeded, MeasuredExceedance
 from core.monitor import Assessment, State
 from core.monitor.assessment import Cause
 from core.monitor.status import ALARM_LEVELS, AlarmKind, Level
@@ -137,7 +137,7 @@ class Alarms:
         seq: int,
         index: int,
         assessment: Assessment,
-        exceedance: MeasuredExceedance | None,
+        exceedance: Exceeded | None,
         clock: Clock,
         late: str = "",
         only: AlarmKind | None = None,
@@ -153,8 +153,9 @@ class Alarms:
         gives_cause = exceedance is not None or assessment.alert or late or state in ALARMING
         if not gives_cause and not self._may_be_active:
             return []
+        at, measured = (t, None) if exceedance is None else exceedance
         conditions: tuple[tuple[AlarmKind, float, bool, str | None], ...] = (
-            ("limit", t, exceedance is not None, beyond or None),
+            ("limit", at, exceedance is not None, beyond or None),
             ("risk", t, gives_alarm("risk", assessment), None),
             ("invalid", t, gives_alarm("invalid", assessment), reason),
             ("stale", clock.now(), bool(late) or state is State.STALE, late or reason),
@@ -164,9 +165,9 @@ class Alarms:
                 kind,
                 index,
                 seq=seq,
-                t=t,
+                t=at if kind == "limit" else t,
                 p_value=assessment.p_value,
-                exceedance=exceedance if kind == "limit" else None,
+                exceedance=measured if kind == "limit" else None,
                 reason=why,
                 raised=clock.utc(),
             )

@@ -73,7 +73,7 @@ from app.messages import (
 from app.scene.shown import KnownAngles, Shown
 from core.evaluation.certificate import warnings_of
 from core.flight_events import FLIGHT_MARKERS, Alarm, FlightMarker, FlightMarkerKey
-from core.limits.exceedance import Exceedances, MeasuredExceedance
+from core.limits.exceedance import Exceedances, Exceeded
 from core.limits.limits import (
     Envelope,
     Specification,
@@ -150,8 +150,8 @@ class Flight(ABC):
     """A flight in progress. Its methods are called in the event loop; only `stop` waits.
 
     on_over: called once if the flight ends by itself, with status and reason.
-    is_checked: whether its monitor's validity is calibrated.   exceeded_t: first exceedance, flown
-    or passed by a seek [s]; None for none.   verdict: how the flight was warned of it.
+    is_checked: whether its monitor's validity is calibrated.   verdict: how the flight was warned
+    of its first exceedance.
     manoeuvres: plain, of a scored recording.   _late: why the source is late; empty if it is not.
     _is_waiting: whether it waits at its start for a first viewer.
     journal_digest: SHA-256 of a live flight's complete journal.
@@ -196,7 +196,6 @@ class Flight(ABC):
         self._exceeds = False
         self.doubts: tuple[Doubt, ...] = ()
         self._is_in_doubt = False
-        self.exceeded_t: float | None = None
         monitor = plan.monitor
         keys = monitor.dictionary.keys
         rest = np.zeros(len(keys)) if monitor.envelope is None else monitor.envelope.rest
@@ -329,6 +328,11 @@ class Flight(ABC):
             exceeded_t=self.exceeded_t,
             predicted=self._is_predicted and not self.is_over,
         )
+
+    @property
+    def exceeded_t(self) -> float | None:
+        """First exceedance, flown or passed by a seek [s]; None for none."""
+        return self.exceedances.first_t
 
     @property
     def headline(self) -> Headline:
@@ -578,7 +582,7 @@ class Flight(ABC):
         self,
         y: Array,
         assessment: Assessment,
-        exceedance: MeasuredExceedance | None,
+        exceedance: Exceeded | None,
         due: float,
         index: int,
         attitude: Angles,
@@ -603,7 +607,7 @@ class Flight(ABC):
         self,
         y: Array,
         assessment: Assessment,
-        exceedance: MeasuredExceedance | None,
+        exceedance: Exceeded | None,
         attitude: Angles,
         display: tuple[Assessment, ...] = (),
         sent: float | None = None,
@@ -623,9 +627,8 @@ class Flight(ABC):
         self._newest.append((assessment.t, assessment.state, assessment.reason))
         self.t, self._assessment, self._pose = assessment.t, assessment, (attitude, y)
         self._exceeds = exceedance is not None
-        self.exceedances.update(assessment.t, y, self._limits, exceedance)
-        if self._exceeds:
-            self._note_exceedance(assessment.t)
+        at, named = (assessment.t, None) if exceedance is None else exceedance
+        self.exceedances.update(at, y, self._limits, named)
 
     def _ahead_of(self, assessment: Assessment) -> Ahead | None:
         """Forecast of the rest of the card: while watched, each AHEAD_S and at the last sample."""
@@ -674,15 +677,10 @@ class Flight(ABC):
         taken = None if self.head < 0 or self.is_over else self._taken(self.t)
         return None if taken is None else max(self.clock.now() - taken, 0.0)
 
-    def _note_exceedance(self, t: float) -> None:
-        self.exceeded_t = t if self.exceeded_t is None else min(t, self.exceeded_t)
-
-    def _exceed(self, t: float, named: MeasuredExceedance, reason: str) -> None:
-        """Raise the alarm of a received sample, at t [s], that may not reach the grid."""
+    def _exceed(self, exceeded: Exceeded, reason: str) -> None:
+        """Raise the alarm of a received sample, which may not reach the grid."""
         seq = max(self.head, 0)
-        self.exceedances.add(t, named)
-        self._note_exceedance(t)
-        if raised := self.alarms.exceed(seq, t, named, reason, self.clock):
+        if raised := self.alarms.exceed(seq, *exceeded, reason, self.clock):
             self._raise_alarms(raised)
         if self._has_new_evidence and self._assessment is not None:
             self._judge(seq, self._assessment)

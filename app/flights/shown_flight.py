@@ -4,7 +4,8 @@ The same monitor gives the same bits; another one gives what it would have shown
 received by each moment. The replay keeps the delay of each sample and the stale times.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from app.assessment.grid import IntegratedAngles
 from app.assessment.input_checks import Doubt
 from app.assessment.rulings import InForceFrom, Ruling
-from app.assessment.scorer import LiveAssessed, rescored
+from app.assessment.scorer import LiveAssessed, ReceivedExceedance, rescored
 from app.flights.flight import stale_after
 from app.flights.sources.lag import Lag
 from app.flights.sources.live import LiveSetup
@@ -20,6 +21,7 @@ from app.flights.sources.playback import Angles, StoredScript, onsets
 from app.flights.sources.simulated import SourceError
 from app.store.assessments import StoredAssessments
 from app.telemetry.journal import lines_of
+from core.limits.exceedance import Exceeded
 from core.limits.limits import Envelope
 from core.monitor import Assessment
 from core.monitor.assessment import code_of
@@ -64,6 +66,8 @@ class ShownFlight(StoredScript):
         self._rulings: list[Ruling | None] = []
         self._doubts: list[tuple[Doubt, ...]] = []
         self._came: list[float] = []
+        self.near = 2.0 * setup.dt
+        self._received: dict[int, list[ReceivedExceedance]] = {}
         self.keys = setup.monitor.dictionary.keys
         samples = np.fromiter(self._read(setup, flight_id), shown_type(len(self.keys)))
         super().__init__(samples, setup.dt, setup.monitor.recipe.predictor.forecasts)
@@ -87,6 +91,14 @@ class ShownFlight(StoredScript):
 
     def judged(self, k: int) -> Array:
         return self.samples["judged"][k]
+
+    def received(self, k: int) -> Sequence[ReceivedExceedance]:
+        return self._received.get(k, ())
+
+    def exceeded(self, k: int, limits: Envelope | None) -> Exceeded | None:
+        received = [sample.exceeded(self.keys) for sample in self.received(k)]
+        first = min(received, key=attrgetter("t"), default=None)
+        return super().exceeded(k, limits) if first is None else first
 
     def attitude(self, k: int) -> Angles:
         """As received; missing angles are integrated from the rates."""
@@ -156,13 +168,21 @@ class ShownFlight(StoredScript):
 
     def _read(self, setup: LiveSetup, flight_id: str) -> Iterator[tuple[Any, ...]]:
         display, known, scorer = setup.display_attitude(), dict[str, str](), setup.scorer()
-        for assessed in rescored(self._lines(setup, flight_id), scorer, setup.reader):
+        waiting, k = list[ReceivedExceedance](), 0
+        for k, assessed in enumerate(rescored(self._lines(setup, flight_id), scorer, setup.reader)):
+            waiting += scorer.pop_exceedances()
+            until = assessed.assessment.t + self.near
+            if due := [sample for sample in waiting if sample.t <= until]:
+                self._received[k] = due
+                waiting = [sample for sample in waiting if sample.t > until]
             reason = assessed.assessment.reason
             self.reasons.append(known.setdefault(reason, reason))
             self._display.append(assessed.display)
             self._rulings.append(assessed.ruling)
             self._doubts.append(scorer.doubts)
             yield _row(assessed, display)
+        if waiting := [*waiting, *scorer.pop_exceedances()]:
+            self._received[k] = [*self._received.get(k, ()), *waiting]
 
     def exceeding(self, limits: Envelope | None) -> Indices:
         """Under the limits in force. limits: the monitor's own."""
@@ -175,6 +195,7 @@ class ShownFlight(StoredScript):
                 part = of_sample == key
                 y, recorded = self.samples["y"][part], self.samples["recorded"][part]
                 over[part] = in_force.exceeds(y) | in_force.exceeds(recorded)
+        over[[*self._received]] = True
         return onsets(over)
 
     def _lines(self, setup: LiveSetup, flight_id: str) -> Iterator[dict[str, Any]]:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf, isnan
 from operator import attrgetter
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -33,6 +33,13 @@ class MeasuredExceedance:
     judged: Judged
     """value that exceeds it: `from_trim`, which the monitor and every verdict use,
     as `recorded`, or both"""
+
+
+class Exceeded(NamedTuple):
+    """A measured exceedance and the time of the sample that the sensor gave [s]."""
+
+    t: float
+    measured: MeasuredExceedance
 
 
 @dataclass(slots=True)
@@ -128,8 +135,9 @@ class Exceedances:
     """The measured exceedances of a flight per channel, and those that the strips latch.
 
     rest: value of each channel in trimmed flight, by key in the order of a sample.
-    near: [s] samples beyond a limit that are no further apart are one exceedance, in whatever order
-    they are added.
+    near: [s] received samples beyond a limit that are no further apart are one exceedance, in
+    whatever order they are added. They give its times and values; a sample of the grid near them
+    adds none. 0 where no sample is received but those of the grid.
     """
 
     def __init__(self, rest: Mapping[str, float], near: float = 0.0) -> None:
@@ -145,6 +153,11 @@ class Exceedances:
     @property
     def of_channels(self) -> list[ChannelExceedances]:
         return sorted(self._of.values(), key=attrgetter("first_t"))
+
+    @property
+    def first_t(self) -> float | None:
+        """Start of the first exceedance [s]; None for none."""
+        return min((each.first_t for each in self._of.values()), default=None)
 
     @property
     def latched(self) -> list[LatchedExceedance]:
@@ -163,33 +176,46 @@ class Exceedances:
     def update(
         self, t: float, y: Array, limits: Envelope | None, named: MeasuredExceedance | None
     ) -> None:
-        """Add a sample.
+        """Add a sample of the grid.
 
-        y: (n_channels,) from trim.   named: its exceedance, or one since the last sample.
+        t: of its exceedance if it has one [s].   y: (n_channels,) from trim.
+        named: its exceedance, or one since the last sample.
         """
         if named is None and not self._is_over_any:
             return
-        values: dict[str, tuple[float, float]] = {}
-        if named is not None:
-            values[named.channel] = named.value, named.limit
-        from_trim = set[str]()
-        if limits is not None:
-            samples = zip(self._rest, y.tolist(), limits.low, limits.high, strict=True)
-            for c, (key, value, low, high) in enumerate(samples):
-                if value <= low or value >= high:
-                    values[key] = value, limits.exceeded(c, value)
-                    from_trim.add(key)
+        from_trim = self._beyond(y, limits)
+        values = from_trim if named is None else {named.channel: (named.value, named.limit)}
+        values = values | from_trim
         for key, (value, limit) in values.items():
-            self._note(key, t, value, limit)
+            interval = self._interval(key, t) if self._near else None
+            if interval is None:
+                self._note(key, t, value, limit)
+            else:
+                interval.end = max(interval.end, t)
         self._over = set(values)
-        self._latch(t, {key: values[key][0] for key in from_trim}, y)
+        self._latch(t, {key: value for key, (value, _) in from_trim.items()}, y)
         self._is_over_any = bool(self._over) or any(
             latched.over for latched in self._latched.values()
         )
 
-    def add(self, t: float, named: MeasuredExceedance) -> None:
-        """Add the exceedance of a received sample that may not reach the grid."""
-        self._note(named.channel, t, named.value, named.limit)
+    def add(
+        self, t: float, named: MeasuredExceedance, y: Array, limits: Envelope | None = None
+    ) -> None:
+        """Add a received sample beyond a limit, which may not reach the grid. See `update`."""
+        values = {named.channel: (named.value, named.limit)} | self._beyond(y, limits)
+        for key, (value, limit) in values.items():
+            self._note(key, t, value, limit)
+
+    def _beyond(self, y: Array, limits: Envelope | None) -> dict[str, tuple[float, float]]:
+        """Value and limit of each channel beyond one."""
+        if limits is None:
+            return {}
+        samples = zip(self._rest, y.tolist(), limits.low, limits.high, strict=True)
+        return {
+            key: (value, limits.exceeded(c, value))
+            for c, (key, value, low, high) in enumerate(samples)
+            if value <= low or value >= high
+        }
 
     def pass_by(self, t: float, named: MeasuredExceedance, goes_on: bool = False) -> None:
         """Add an exceedance that a seek passes; no strip shows it.
@@ -228,15 +254,19 @@ class Exceedances:
 
     def _begins(self, key: str, t: float) -> bool:
         """Whether a sample begins an exceedance; else the one that it belongs to is extended."""
-        intervals = self._intervals.setdefault(key, [])
-        interval = self._current.get(key) if key in self._over else None
-        if interval is None:
-            interval = next((i for i in reversed(intervals) if i.has(t, self._near)), None)
+        interval = self._interval(key, t)
         if is_new := interval is None:
-            intervals.append(interval := _Interval(t, t))
+            self._intervals.setdefault(key, []).append(interval := _Interval(t, t))
         interval.start, interval.end = min(interval.start, t), max(interval.end, t)
         self._current[key] = interval
         return is_new
+
+    def _interval(self, key: str, t: float) -> _Interval | None:
+        """The exceedance of a channel that a sample at t [s] belongs to; None for a new one."""
+        if key in self._over and (current := self._current.get(key)) is not None:
+            return current
+        known = reversed(self._intervals.get(key, []))
+        return next((each for each in known if each.has(t, self._near)), None)
 
     def _share(self, key: str, value: float, limit: float) -> float:
         """How much of the way from rest to the limit."""
@@ -247,7 +277,8 @@ class Exceedances:
         for key, value in over.items():
             latched = self._latched.get(key)
             if latched is None:
-                latched = LatchedExceedance(key, t, value, over=True, acknowledged=False)
+                start = self.start_of(key, t)
+                latched = LatchedExceedance(key, start, value, over=True, acknowledged=False)
                 self._latched[key] = latched
             latched.over = True
             latched.value = max(latched.value, value, key=lambda v: abs(v - self._rest[key]))

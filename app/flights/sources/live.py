@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from datetime import datetime, timedelta
 from functools import partial
-from math import isfinite
+from math import inf, isfinite
 from typing import Any, NamedTuple
 
 import msgspec
@@ -43,7 +43,7 @@ from app.telemetry.recording import TelemetryError
 from core.channels import LATERAL
 from core.conditions import CONDITION_KEYS, CONDITIONS, ConditionKey
 from core.flight_events import Alarm, FlightMarker
-from core.limits.exceedance import MeasuredExceedance, exceedance
+from core.limits.exceedance import Exceeded, MeasuredExceedance, exceedance
 from core.monitor import Assessment, Monitor, State
 from core.monitor.peak_forecast import Ahead
 from core.monitor.status import AlarmKind
@@ -165,7 +165,7 @@ class LiveFlight(Flight):
         self._begun: deque[ManoeuvreBegun] = deque(maxlen=BEGUN_KEPT)
         self._newest_manoeuvre = 0
         self._unread: dict[str, None] = {}
-        self._replayed: list[tuple[float, MeasuredExceedance, str]] = []
+        self._received: list[ReceivedExceedance] = []
         self._has_begun = False
         self._sent_status: LiveStatus | None = None
 
@@ -256,26 +256,25 @@ class LiveFlight(Flight):
         began, now = map(datetime.fromisoformat, (self._began_utc, self.clock.utc()))
         arrival = max((now - began).total_seconds(), float(rest[-1]["a"]) if rest else 0.0)
         self._began = self.clock.now() - arrival
-        unrecorded = []
+        unrecorded, replayed = [], []
         for assessed in self._settled_until(rest, arrival):
+            replayed += self._judged_received(assessed.assessment.t)
             if self.head < stored:
                 self._follow(*self._flown(assessed), assessed.display)
             else:
                 unrecorded.append(assessed)
         self.markers = {marker.number: marker for marker in markers[-MARKERS_KEPT:]}
-        for t, named, _ in self._replayed:
-            self.exceedances.add(t, named)
-            self._note_exceedance(t)
+        replayed += self._judged_received()
         stored_t = [alarm.t for alarm in alarms if alarm.kind == "limit"]
         known = {(alarm.kind, alarm.t) for alarm in alarms}
         active: list[AlarmKind] = [d.kind for d in self.scorer.doubts if (d.kind, d.t) in known]
         if any(self._is_alarmed(self.t, key, stored_t) for key in self.exceedances.over):
             active.append("limit")
         self.alarms.restore(alarms, active)
-        self._replayed = [
-            exceeding
-            for exceeding in self._replayed
-            if not self._is_alarmed(exceeding[0], exceeding[1].channel, stored_t)
+        self._received = [
+            sample
+            for sample, (t, measured) in replayed
+            if not self._is_alarmed(t, measured.channel, stored_t)
         ]
         return unrecorded
 
@@ -293,9 +292,9 @@ class LiveFlight(Flight):
         self._record({"e": "resumed"})
         self._n_resumed += 1
         for assessed in unrecorded:
+            self._judge_received(assessed.assessment.t)
             self._fly_one(assessed, self.clock.now())
-        for exceeding in self._replayed:
-            self._exceed(*exceeding)
+        self._judge_received()
         self._hold(self.scorer.ruling)
         for in_force in self.limits_at_hand:
             self.recorder.add_event(in_force)
@@ -329,19 +328,35 @@ class LiveFlight(Flight):
         assessed = [settled for sample in samples for settled in push(arrived, sample, via)]
         if self.scorer.n_accepted > n_before:
             self._last_arrival = now
+        self._received += self.scorer.pop_exceedances()
         self._fly_all(assessed, now)
         self._judge_received()
+        if (doubts := self.scorer.doubts) != self.doubts:
+            self._doubt(doubts)
+            self._send_live()
         if assessed or self.facts != self._facts:
             self._show()
         self._settle_later()
         return AcceptedBatch(batch.sequence, len(samples), False, written, self._note_unread(batch))
 
-    def _judge_received(self) -> None:
-        for sample in self.scorer.pop_exceedances():
-            self._exceed(*self._exceedance_of(sample))
-        if (doubts := self.scorer.doubts) != self.doubts:
-            self._doubt(doubts)
-            self._send_live()
+    def _judge_received(self, until: float = inf) -> None:
+        """Raise the alarms of received samples that the grid sample at this time [s] may show.
+
+        They come first: the sensor's own sample gives an exceedance its time and value.
+        """
+        for sample, exceeded in self._judged_received(until):
+            self._exceed(exceeded, self._remark(sample, exceeded))
+
+    def _judged_received(self, until: float = inf) -> list[tuple[ReceivedExceedance, Exceeded]]:
+        """Note the exceedances of received samples up to this time and a little later [s]."""
+        if not self._received:
+            return []
+        due = [sample for sample in self._received if sample.t <= until + self._near]
+        self._received = [sample for sample in self._received if sample.t > until + self._near]
+        judged = [(sample, sample.exceeded(self._keys)) for sample in due]
+        for sample, exceeded in judged:
+            self.exceedances.add(*exceeded, sample.y, sample.limits)
+        return judged
 
     def begin_manoeuvre(self, by: str) -> asyncio.Future[None]:
         """Begin a manoeuvre by hand. NotPossible while one is in progress."""
@@ -425,7 +440,7 @@ class LiveFlight(Flight):
             self._sender = via.removeprefix(UDP)
         self._n_resumed += line.get("e") == "resumed"
         settled = replay_line(line, self.scorer, self._setup.reader)
-        self._replayed += map(self._exceedance_of, self.scorer.pop_exceedances())
+        self._received += self.scorer.pop_exceedances()
         if settled:
             self._lag.note(line["a"], settled[-1].assessment.t)
         return settled
@@ -526,6 +541,7 @@ class LiveFlight(Flight):
         self._late = self._lag.reason
         n_begun = self._newest_manoeuvre
         for sample in assessed:
+            self._judge_received(sample.assessment.t)
             self._fly_one(sample, now)
         if self._newest_manoeuvre != n_begun:
             self._send_live()
@@ -533,12 +549,10 @@ class LiveFlight(Flight):
     def _fly_one(self, assessed: LiveAssessed, due: float) -> None:
         y, assessment, exceeded, attitude = self._flown(assessed)
         about = due, self.head + 1, attitude, assessed.display
-        unknown = self._unknown_trim(exceeded, assessed.judged)
+        unknown = self._unknown_trim(exceeded and exceeded.measured, assessed.judged)
         self._fly(y, assessment, exceeded, *about, remark=unknown)
 
-    def _flown(
-        self, assessed: LiveAssessed
-    ) -> tuple[Array, Assessment, MeasuredExceedance | None, Angles]:
+    def _flown(self, assessed: LiveAssessed) -> tuple[Array, Assessment, Exceeded | None, Angles]:
         judged, recorded, ruling = assessed.judged, assessed.recorded, assessed.ruling
         if assessed.manoeuvre > self._newest_manoeuvre:
             self._newest_manoeuvre = assessed.manoeuvre
@@ -546,15 +560,14 @@ class LiveFlight(Flight):
             self._begun.append(begun)
         self._hold(ruling, assessed.assessment.t)
         limits = self.plan.monitor.envelope if ruling is None else ruling.limits
-        exceeded = exceedance(self._keys, limits, judged, recorded)
+        measured, t = exceedance(self._keys, limits, judged, recorded), assessed.assessment.t
+        exceeded = None if measured is None else Exceeded(t, measured)
         return assessed.y, assessed.assessment, exceeded, assessed.shown_attitude(self._display)
 
-    def _exceedance_of(self, sample: ReceivedExceedance) -> tuple[float, MeasuredExceedance, str]:
-        named = exceedance(self._keys, sample.limits, sample.y, sample.recorded)
-        assert named is not None
-        unknown = self._unknown_trim(named, sample.y)
+    def _remark(self, sample: ReceivedExceedance, exceeded: Exceeded) -> str:
+        unknown = self._unknown_trim(exceeded.measured, sample.y)
         reasons = "" if sample.is_dated else TIME_UNKNOWN, sample.beyond, unknown
-        return sample.t, named, "; ".join(filter(None, reasons))
+        return "; ".join(filter(None, reasons))
 
     def _unknown_trim(self, exceeded: MeasuredExceedance | None, judged: Array) -> str:
         """TRIM_UNKNOWN for an exceedance as recorded that may be none, or one, from trim."""

@@ -14,11 +14,12 @@ from app.assessment.grid import Angles, IntegratedAngles
 from app.assessment.input_checks import Doubt
 from app.assessment.planned_test import input_of, known_test, needed_channels
 from app.assessment.rulings import InForceFrom, Ruling
+from app.assessment.scorer import ReceivedExceedance
 from app.flights.planned_card import first_input
 from app.flights.sources.simulated import Track
 from app.recordings.scoring_answers import stored_assessment
 from core.channels import LATERAL
-from core.limits.exceedance import MeasuredExceedance, exceedance
+from core.limits.exceedance import Exceeded, exceedance
 from core.limits.limits import Envelope
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import STATES, code_of
@@ -37,7 +38,8 @@ class Script(ABC):
     validity is calibrated.   alerts, exceedances: rising, samples at which an alert or a measured
     exceedance begins.   shows_rulings: whether it knows the limits in force when it was flown.
     delay: stated delay of a live flight [s], subtracted from the monitor's lead.
-    manoeuvres: plain, of a scored recording.   keys: of the channels.   planned: (n, 3) attitude of
+    manoeuvres: plain, of a scored recording.   keys: of the channels.   near: see Exceedances.
+    planned: (n, 3) attitude of
     the planned flight at each sample [rad]; None, and why in `no_plan`.   begun: times of the first
     input of each manoeuvre [s].
     """
@@ -49,6 +51,7 @@ class Script(ABC):
     alerts: Indices
     exceedances: Indices
     shows_rulings: bool = False
+    near: float = 0.0
     delay: float = 0.0
     theta: dict[str, float] | None = None
     fail_t: float | None = None
@@ -127,9 +130,14 @@ class Script(ABC):
         """Sample k from trim, (n_channels,), NaN where that is unknown."""
         return self.y(k)
 
-    def exceedance(self, k: int, limits: Envelope | None) -> MeasuredExceedance | None:
-        """The limit that sample k exceeds, if any. limits: None if unknown."""
-        return exceedance(self.keys, limits, self.judged(k), self.recorded(k))
+    def received(self, k: int) -> Sequence[ReceivedExceedance]:
+        """Received samples beyond a limit since sample k - 1 was shown, up to sample k."""
+        return ()
+
+    def exceeded(self, k: int, limits: Envelope | None) -> Exceeded | None:
+        """The limit that sample k exceeds, or one received before it. limits: None if unknown."""
+        measured = exceedance(self.keys, limits, self.judged(k), self.recorded(k))
+        return None if measured is None else Exceeded(float(self.t[k]), measured)
 
 
 class FollowedForecast:

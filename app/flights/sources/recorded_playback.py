@@ -19,7 +19,8 @@ from app.flights.planned_card import first_input
 from app.flights.sources.playback import Angles, StoredScript, onsets
 from app.recordings.scoring_answers import reason
 from core.channels import LATERAL
-from core.limits.exceedance import SAME_TIME, Judged, MeasuredExceedance
+from core.kernels.causal_grid import RATE_RATIO
+from core.limits.exceedance import SAME_TIME, Exceeded, Judged, MeasuredExceedance
 from core.limits.limits import Envelope
 from core.monitor import Assessment, Monitor
 from core.simulation.attitude import WASH_OUT_S, DisplayAttitude
@@ -29,6 +30,8 @@ P, R = LATERAL.index("p"), LATERAL.index("r")
 RUN_UP_S = 2 * WASH_OUT_S
 """A missing attitude is integrated from this time before its sample [s]."""
 
+SOON = 2
+"""Samples within RATE_RATIO intervals."""
 SOUGHT_AT_ONCE = 5_000
 """Samples in which an input is looked for at once."""
 
@@ -126,11 +129,24 @@ class RecordedScript(StoredScript):
     def _last_manoeuvre(self, k: int) -> int:
         return max(int(np.searchsorted(self._starts, k, "right")) - 1, 0)
 
-    def exceedance(self, k: int, limits: Envelope | None) -> MeasuredExceedance | None:
-        """The limit that sample k exceeds, or the recording between it and the last sample."""
-        of_sample = super().exceedance(k, limits)
-        if of_sample is not None or limits is None:
-            return of_sample
+    def exceeded(self, k: int, limits: Envelope | None) -> Exceeded | None:
+        """The limit that sample k exceeds, or the recording between it and the last sample.
+
+        The recorded sample gives an exceedance its time, also where interpolation between it and
+        the one before lies beyond the limit earlier.
+        """
+        if limits is None:
+            return None
+        if (recorded := self._recorded_exceedance(k, limits)) is not None:
+            return recorded
+        soon = range(k + 1, min(k + 1 + SOON, len(self.t)))
+        later = [each for i in soon if (each := self._recorded_exceedance(i, limits)) is not None]
+        if any(each.t - float(self.t[k]) < RATE_RATIO * self.dt for each in later):
+            return None
+        return super().exceeded(k, limits)
+
+    def _recorded_exceedance(self, k: int, limits: Envelope) -> Exceeded | None:
+        """The scored exceedance that begins between sample k - 1 and k."""
         between = self._exceedances.get(k) or self._recorded_exceedances.get(k)
         if between is None:
             return None
@@ -142,7 +158,8 @@ class RecordedScript(StoredScript):
         if k in self._exceedances:
             as_recorded = value + float((self.recorded(k) - self.y(k))[c])
             judged = "both" if limits.is_beyond(c, as_recorded) else "from_trim"
-        return MeasuredExceedance(channel, value, limits.exceeded(c, value), judged)
+        measured = MeasuredExceedance(channel, value, limits.exceeded(c, value), judged)
+        return Exceeded(between["t"], measured)
 
     def exceeding(self, limits: Envelope | None) -> Indices:
         if limits is None:
@@ -152,7 +169,8 @@ class RecordedScript(StoredScript):
         recorded = y + self._offsets[np.maximum(before, 0)]
         over = limits.exceeds(y) | limits.exceeds(recorded)
         for k in (*self._exceedances, *self._recorded_exceedances):
-            over[k] = over[k] or self.exceedance(k, limits) is not None
+            for i in range(max(k - SOON, 0), k + 1):
+                over[i] = self.exceeded(i, limits) is not None
         return onsets(over)
 
     def _at(self, t: float) -> int:

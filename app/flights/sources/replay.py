@@ -15,7 +15,7 @@ from app.flights.sources.playback import Script
 from app.flights.transport import Due, NotPossible, Transport, TransportError
 from app.messages import ManoeuvreBegun, TransportChange, TransportState, plain_frame
 from app.scene.shown import KnownAngles
-from core.limits.exceedance import MeasuredExceedance
+from core.limits.exceedance import Exceeded
 from core.monitor import Assessment, State
 from core.monitor.peak_forecast import OVER, Ahead, NothingAhead
 from core.monitor.status import AlarmKind
@@ -44,6 +44,7 @@ class TrackFlight(Flight):
     """
 
     def __init__(self, plan: FlightPlan, script: Script, *about: Any, **more: Any) -> None:
+        self._near = script.near
         super().__init__(plan, *about, **more)
         self.dt, self.theta, self.duration = script.dt, script.theta, script.duration
         self.fail_t, self.is_checked = script.fail_t, script.is_checked
@@ -162,10 +163,10 @@ class TrackFlight(Flight):
         ruling, about = self._ruled(k), (self._script.assessment(k), self._script.display(k))
         return about if ruling is None or self._script.shows_rulings else ruling.apply(*about)
 
-    def _exceeded(self, k: int) -> MeasuredExceedance | None:
+    def _exceeded(self, k: int) -> Exceeded | None:
         ruling = self._ruled(k)
         limits = self.plan.monitor.envelope if ruling is None else ruling.limits
-        return self._script.exceedance(k, limits)
+        return self._script.exceeded(k, limits)
 
     def _do(self, action: str, value: float | bool | None, now: float) -> None:
         transport = self._transport
@@ -245,6 +246,8 @@ class TrackFlight(Flight):
         self._furthest, self._at = max(self._furthest, k), k
         self._late = script.late(k)
         self._hold(self._ruled(k), float(script.t[k]))
+        for sample in script.received(k):
+            self.exceedances.add(*sample.exceeded(script.keys), sample.y, sample.limits)
         assessment, display = self._assessed(k)
         about = self._exceeded(k), due.due, k, script.attitude(k), display
         self._fly(script.y(k), assessment, *about)
@@ -268,9 +271,7 @@ class TrackFlight(Flight):
         for at, kind in sorted(passed | under_way):
             exceeded, ruling = self._exceeded(at) if kind == "limit" else None, self._ruled(at)
             if exceeded is not None:
-                self._note_exceedance(float(script.t[at]))
-                goes_on = (at, kind) in under_way
-                self.exceedances.pass_by(float(script.t[at]), exceeded, goes_on)
+                self.exceedances.pass_by(*exceeded, goes_on=(at, kind) in under_way)
             seq, (assessment, _) = self.head + 1, self._assessed(at)
             self._raise_alarms(
                 self.alarms.update(

@@ -5,7 +5,7 @@ from functools import partial
 import pytest
 
 from app.flights.alarms import CLOSED_KEPT, REJOIN_S, Alarms
-from core.limits.exceedance import MeasuredExceedance
+from core.limits.exceedance import Exceeded, MeasuredExceedance
 from core.monitor import Assessment, State
 from core.monitor.assessment import Cause
 from core.monitor.status import BETWEEN, Level, cause_of
@@ -48,7 +48,7 @@ def exceed(alarms: Alarms, script: str, state: State = State.INVALID) -> list[tu
     raised, clock = [], ScriptedClock()
     for seq, word in enumerate(script):
         said = Assessment(seq * DT, None, None, state, BETWEEN, cause=Cause.BETWEEN)
-        over = OVER if word == "1" else None
+        over = Exceeded(seq * DT, OVER) if word == "1" else None
         raised += [(a.seq, a.kind) for a in alarms.update(seq, seq, said, over, clock)]
     return raised
 
@@ -153,7 +153,7 @@ def test_an_exceedance_follows_the_rules_of_latching_on_its_own() -> None:
 def test_risk_and_exceedance_at_one_sample_are_two_alarms() -> None:
     alarms = Alarms()
     said = Assessment(0.0, 0.5, True, State.OK)
-    raised = alarms.update(0, 0, said, OVER, ScriptedClock())
+    raised = alarms.update(0, 0, said, Exceeded(0.0, OVER), ScriptedClock())
     assert [(alarm.id, alarm.kind) for alarm in raised] == [("1", "limit"), ("2", "risk")]
     assert alarms.n_open(Level.WARNING) == 2
 

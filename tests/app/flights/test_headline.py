@@ -26,7 +26,7 @@ from app.flights.verdict import (
 from app.recipes.recipes import to_plain
 from core.channels import KEYS
 from core.flight_events import Alarm
-from core.limits.exceedance import Judged, MeasuredExceedance, exceedance
+from core.limits.exceedance import Exceeded, Judged, MeasuredExceedance, exceedance
 from core.limits.limits import Limits
 from core.monitor import Assessment, State
 from core.monitor.assessment import REASONS, STATES
@@ -105,9 +105,10 @@ def test_a_recording_is_judged_with_its_trim_too() -> None:
     manoeuvres = [manoeuvre | {"first": 2 * k, "trim": trim} for k, trim in enumerate(trims)]
     biases = [0.0, 0.0, 0.0, -0.05, 0.0, 0.0]
     script = RecordedScript(samples, manoeuvres, DT, forecasts=False, biases=biases)
-    found = [script.exceedance(k, LIMITS) for k in range(4)]
+    found = [script.exceeded(k, LIMITS) for k in range(4)]
     assert found[:3] == [None, None, None]
-    assert found[3] == MeasuredExceedance(channel="Ny", value=0.55, limit=0.5, judged="recorded")
+    measured = MeasuredExceedance(channel="Ny", value=0.55, limit=0.5, judged="recorded")
+    assert found[3] == Exceeded(3 * DT, measured)
 
 
 # --- under way -----------------------------------------------------------------------------------
