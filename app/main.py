@@ -207,7 +207,9 @@ async def _parts(app: FastAPI) -> AsyncIterator[None]:
         )
         await parts.enter_async_context(stored_recordings)
         app.state.scored = ScoredRecordings(stored_recordings)
-        work = app.state.jobs = Jobs(store, settings.max_jobs, settings.max_queued_jobs)
+        work = app.state.jobs = Jobs(
+            store, settings.max_jobs, settings.max_queued_jobs, settings.scheduler
+        )
         parts.push_async_callback(asyncio.to_thread, work.close)
         scenes = app.state.scenes = Scenes()
         parts.push_async_callback(asyncio.to_thread, scenes.stop)

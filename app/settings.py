@@ -54,6 +54,7 @@ class Settings:
     udp_key: str | None = field(default=None, repr=False)
     retain_days: float = 0.0
     retain_gb: float = 0.0
+    scheduler: str | None = None
 
     def __post_init__(self) -> None:
         if self.token is not None and len(self.token) < SHORTEST_TOKEN:

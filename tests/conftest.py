@@ -125,6 +125,15 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
 
 
 @pytest.fixture(scope="session")
+def dask_cluster() -> Iterator[Any]:
+    """Two processes with one thread each."""
+    distributed = pytest.importorskip("distributed", reason="Dask is not installed: forewarn[dask]")
+    options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
+    with distributed.LocalCluster(**options) as cluster:
+        yield cluster
+
+
+@pytest.fixture(scope="session")
 def postgresql() -> Iterator[PostgreSQL]:
     """A server of this machine's PostgreSQL, with nothing in it."""
     with running() as server:

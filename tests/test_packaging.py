@@ -61,7 +61,7 @@ def imported() -> set[str]:
 
 
 def test_what_is_imported_is_declared_and_what_is_declared_is_imported():
-    assert declared("ulog", "mdf", "ch10", "fmu", "jsbsim") - set(NEVER_IMPORTED) == imported()
+    assert declared("ulog", "mdf", "ch10", "fmu", "jsbsim", "dask") - set(NEVER_IMPORTED) == imported()
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Compute the clearance of a campaign's next point; the checklist for a person to confirm."""
 
 from collections.abc import Callable
+from concurrent.futures import Executor
 from dataclasses import replace
 from typing import Any
 
@@ -36,7 +37,12 @@ def checklist(campaign: Campaign, point: Point) -> tuple[str, ...]:
 
 
 def clear_next(
-    campaign: Campaign, by: str, progress: Progress | None = None, *, monitored: bool = False
+    campaign: Campaign,
+    by: str,
+    progress: Progress | None = None,
+    executor: Executor | None = None,
+    *,
+    monitored: bool = False,
 ) -> Campaign:
     """Compute the clearance of the next point: on condition, or hold.
 
@@ -47,8 +53,8 @@ def clear_next(
     number, point = campaign.next
     check_computable(campaign)
     flown = campaign.flown(point.condition)
-    rule = calibrate(campaign.build_up(point), campaign.clearance, progress)
-    epsilon = with_monitor(rule, progress).epsilon if monitored else None
+    rule = calibrate(campaign.build_up(point), campaign.clearance, progress, executor)
+    epsilon = with_monitor(rule, progress, executor).epsilon if monitored else None
     clear_below = None if rule.is_rare else rule.clear_below if epsilon is None else CLEARED
     records = [samples_of(step.flown) for step in flown if step.flown]
     verdict = rule.decide(records, clear_below)

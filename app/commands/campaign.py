@@ -11,10 +11,11 @@ from app.campaigns.clearing import checklist, clear_next, identification_plain, 
 from app.campaigns.flying import aborted_flight, flown_point
 from app.campaigns.point import CampaignError, Condition, FlownPoint, Point, percent_at_most
 from app.commands.options.fields import add_fields, given_fields
-from app.commands.options.option import add_json, option
+from app.commands.options.option import add_json, add_scheduler, option
 from app.commands.options.recipe import add_recipe_options, plain_recipe
 from app.commands.output.results import check_file, print_result, progress_bar
 from app.commands.output.scores import read_mapping
+from app.jobs.cluster import executor_at
 from app.recipes.recipes import to_plain
 from app.recordings.mapped_recording import MappedRecording
 from app.telemetry.mapping.proposal import propose
@@ -48,6 +49,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="the point's monitor, trained afterwards, is a part of the clearance",
     )
+    add_scheduler(clear)
     everything["report"].add_argument(
         "-o",
         "--out",
@@ -133,8 +135,13 @@ def _show(options: argparse.Namespace) -> int:
 
 def _clear(options: argparse.Namespace) -> int:
     before = load(options.file)
-    with progress_bar("aircraft identified") as progress:
-        campaign = clear_next(before, options.by, progress, monitored=options.with_monitor)
+    with (
+        executor_at(options.scheduler) as executor,
+        progress_bar("aircraft identified") as progress,
+    ):
+        campaign = clear_next(
+            before, options.by, progress, executor, monitored=options.with_monitor
+        )
     point = campaign.next.point
     text = [f"{point.name}: {point.state}: {point.events[-1].words}"]
     if point.state == "on condition":

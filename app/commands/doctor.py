@@ -23,6 +23,7 @@ from websockets.asyncio.client import connect
 from app.commands import serve
 from app.commands.options.option import add_json
 from app.commands.output.results import print_result
+from app.jobs.cluster import ClusterError, words_of
 from app.jobs.training import simulate
 from app.main import STATIC, create_app
 from app.recordings.files import RecordingFiles
@@ -83,6 +84,7 @@ def examine(settings: Settings) -> Iterator[Finding]:
     """Run every check in turn; a failed check does not stop the others."""
     checks: tuple[tuple[str, Callable[[Settings], str]], ...] = (
         ("versions", versions),
+        ("cluster", cluster),
         ("data directory", data_directory),
         ("schema", schema),
         ("contents", contents),
@@ -93,7 +95,7 @@ def examine(settings: Settings) -> Iterator[Finding]:
     for what, check in checks:
         try:
             yield Finding(what, True, check(settings))
-        except (Failed, SettingsError, StoreError) as error:
+        except (Failed, SettingsError, StoreError, ClusterError) as error:
             yield Finding(what, False, str(error))
         except Exception as error:
             yield Finding(what, False, f"{type(error).__name__}: {error}")
@@ -107,6 +109,11 @@ def versions(settings: Settings) -> str:
         except PackageNotFoundError:
             raise Failed(f"{package} is not installed: install forewarn again") from None
     return ", ".join(installed)
+
+
+def cluster(settings: Settings) -> str:
+    """Whether the workers of the cluster, if there is one, compute the same bits."""
+    return words_of(settings.scheduler) if settings.scheduler else "none: work is done here"
 
 
 def data_directory(settings: Settings) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from app.commands.options.option import add_place, option
+from app.commands.options.option import add_place, add_scheduler, option
 from app.settings import Settings, read_settings
 
 if TYPE_CHECKING:  # slow to import, and not needed for help
@@ -19,6 +19,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     add_place(parser)
     option(parser, "--host HOST", "address to listen on; 127.0.0.1 if absent")
     option(parser, "--port PORT", "port to listen on, 0 for any; 8000 if absent", type=int)
+    add_scheduler(parser)
     parser.epilog = (
         "FOREWARN_* variables set the same options; the token comes only from FOREWARN_TOKEN."
     )
@@ -31,6 +32,7 @@ def settings_of(options: argparse.Namespace) -> Settings:
         host=options.host,
         port=options.port,
         database_url=options.database_url,
+        scheduler=options.scheduler,
     )
 
 

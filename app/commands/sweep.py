@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from app.commands.options.fields import add_fields, given_fields
-from app.commands.options.option import add_output, option
+from app.commands.options.option import add_output, add_scheduler, option
 from app.commands.output.results import check_file, print_result, progress_bar
+from app.jobs.cluster import executor_at
 from app.report.studies.sweep import in_words, rows_of
 from core.evaluation.lead_sweep import METHODS, TESTS, SweepRecipe, sweep
 from core.whole_file import write_whole
@@ -24,6 +25,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         type=Path,
     )
     add_output(parser, "FILE", "CSV table to write")
+    add_scheduler(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -32,8 +34,8 @@ def run(options: argparse.Namespace) -> int:
         check_file(path)
     if options.figure is not None and options.figure.suffix not in (".png", ".svg"):
         raise ValueError(f"{options.figure} was given: a figure's name ends in .png or .svg")
-    with progress_bar("monitors") as progress:
-        tests = sweep(recipe, progress=progress)
+    with executor_at(options.scheduler) as executor, progress_bar("monitors") as progress:
+        tests = sweep(recipe, executor=executor, progress=progress)
     if options.figure is not None:
         from app.report.studies.study_figures import (
             power_against_lead,

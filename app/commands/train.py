@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from app.assessment.wording import PROMISED
-from app.commands.options.option import add_output, add_place, option, place_of
+from app.commands.options.option import add_output, add_place, add_scheduler, option, place_of
 from app.commands.options.own_simulator import own_test
 from app.commands.options.recipe import (
     add_recipe_options,
@@ -20,6 +21,7 @@ from app.commands.options.recipe import (
 )
 from app.commands.output.results import check_file, print_result, progress_bar, stage_bar
 from app.commands.output.scores import read_mapping
+from app.jobs.cluster import executor_at
 from app.jobs.requests import N_TEST
 from app.jobs.training import (
     FlownTest,
@@ -121,6 +123,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         action="append",
     )
     add_output(parser, "FILE", "file to write", Path("monitor.fwm"))
+    add_scheduler(parser)
     add_place(parser, "directory of a server's data, to store dataset and monitor there, too")
 
 
@@ -142,9 +145,10 @@ def run(options: argparse.Namespace) -> int:
         return print_recipe(recipe)
     check_epsilon(recipe.monitor.epsilon, recipe.dataset.n_unsafe, recipe.monitor.guarantee)
     check_file(options.out)
-    dataset = simulated(recipe.dataset)
-    with stage_bar("training") as show:
-        training = train_and_test(dataset, recipe.monitor, recipe.n_test, show)
+    with executor_at(options.scheduler) as executor:
+        dataset = simulated(recipe.dataset, executor)
+        with stage_bar("training") as show:
+            training = train_and_test(dataset, recipe.monitor, recipe.n_test, show)
     return _finish(options, training, dataset)
 
 
@@ -158,12 +162,13 @@ def run_on_simulator(options: argparse.Namespace) -> int:
         card_of(test)
     n_test = vars(options).get(".n_test")
     n_test = TrainingRecipe(n_test=N_TEST if n_test is None else n_test).n_test
-    dataset = simulated(test)
-    flights = dataset.flights()
-    test.flown_by.check_unlike(flights.y)
-    with stage_bar("training") as show:
-        choose = not plain.keys() & {"predictor", "score"}
-        training = train_on_simulator(dataset, recipe, test, n_test, show, choose=choose)
+    choose = not plain.keys() & {"predictor", "score"}
+    with executor_at(options.scheduler) as executor:
+        dataset = simulated(test, executor)
+        flights = dataset.flights()
+        test.flown_by.check_unlike(flights.y)
+        with stage_bar("training") as show:
+            training = train_on_simulator(dataset, recipe, test, n_test, show, choose=choose)
     found = (*doubts_of(flights), *beyond_plausible(dataset.dictionary, flights.y))
     return _finish(options, training, dataset, found)
 
@@ -175,9 +180,9 @@ def recipe_of(options: argparse.Namespace) -> TrainingRecipe:
     return recipe
 
 
-def simulated(test: SimulatedTest) -> Dataset:
+def simulated(test: SimulatedTest, executor: Executor | None = None) -> Dataset:
     with progress_bar("unsafe rollouts") as progress:
-        return simulate(test, lambda _, done, total: progress(done, total))
+        return simulate(test, lambda _, done, total: progress(done, total), executor)
 
 
 def rollouts_of(options: argparse.Namespace, recipe: MonitorRecipe) -> RolloutSources:

@@ -90,7 +90,7 @@ def clear(
     def identified(done: int, total: int) -> None:
         task.progress(f"{done} of {total} aircraft identified", done, total)
 
-    cleared = clear_next(campaign, by, identified, monitored=monitored)
+    cleared = clear_next(campaign, by, identified, task.executor, monitored=monitored)
     task.progress("storing", task.done, task.total)
     campaigns.put(stored, cleared)
     return {"campaign": campaign_id, "point": point, "state": cleared.next.point.state}

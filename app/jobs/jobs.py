@@ -6,10 +6,12 @@ import threading
 import time
 from collections import deque
 from collections.abc import AsyncIterator, Callable
+from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from app.jobs.cluster import executor_at
 from app.recordings.files import NoSpace
 from app.store.jobs import ENDED, JobInfo
 from app.store.store import NotFound, Store
@@ -46,6 +48,8 @@ class Task:
     stop: threading.Event = field(default_factory=threading.Event)
     watchers: set[Callable[[], object]] = field(default_factory=set)
     ended: bool = False
+    executor: Executor | None = None
+    """Of its computations; None for this machine."""
     release: Callable[[], object] = lambda: None
     """Called when it has ended, whether it ran or not."""
     next_save: float = 0.0
@@ -68,10 +72,15 @@ Work = Callable[[Task], Result]
 
 
 class Jobs:
-    """The server's long work.   workers: most running jobs.   queue: most waiting jobs."""
+    """The server's long work.
 
-    def __init__(self, store: Store, workers: int = 1, queue: int = 20) -> None:
-        self.store = store
+    workers: most running jobs.   queue: most waiting jobs.   scheduler: see `executor_at`.
+    """
+
+    def __init__(
+        self, store: Store, workers: int = 1, queue: int = 20, scheduler: str | None = None
+    ) -> None:
+        self.store, self._scheduler = store, scheduler
         self.limit = queue
         self._waiting: deque[Task] = deque()
         self._live: dict[str, Task] = {}
@@ -201,7 +210,7 @@ class Jobs:
         try:
             self.store.jobs.update(task.id, status="running", message="starting")
             task.progress("starting", 0, 0)
-            with announce_compilation(task.show):
+            with announce_compilation(task.show), executor_at(self._scheduler) as task.executor:
                 result = task.work(task)
             self._end(
                 task,

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 def simulate_dataset(task: Task, name: str, recipe: SimulatedHere, store: Store) -> Result:
     """Simulate and store a dataset; the result has its id."""
-    dataset = simulate(recipe, task.progress)
+    dataset = simulate(recipe, task.progress, task.executor)
     task.progress("storing", task.done, task.total)
     return {"dataset": store.datasets.add(dataset, name).id}
 
@@ -71,7 +71,7 @@ def train_monitor(task: Task, request: MonitorRequest, store: Store) -> Result:
     if isinstance(requested, str):
         dataset_id, dataset = requested, store.datasets.get(requested)
     else:
-        dataset = simulate(requested, task.progress)
+        dataset = simulate(requested, task.progress, task.executor)
         dataset_id = store.datasets.add(dataset, dataset_name(requested)).id
     training = train_and_test(
         dataset, request.recipe, request.n_test, task.progress, choose=request.choose
@@ -112,7 +112,7 @@ def sweep_leads(task: Task, recipe: SweepRecipe, tests: dict[str, DatasetRecipe]
     def trained(done: int, total: int) -> None:
         task.progress(f"{done} of {total} monitors", done, total)
 
-    swept = sweep(recipe, tests, progress=trained)
+    swept = sweep(recipe, tests, executor=task.executor, progress=trained)
     figures = _drawn(task, power_by_lead=lambda: power_against_lead(swept, recipe))
     return summary(swept, recipe) | {"table": table(swept, recipe)} | figures
 
@@ -126,7 +126,7 @@ def compare_methods(task: Task, recipe: StudyRecipe) -> Result:
         task.progress(f"{done} of {total} monitors of each method", done, total)
 
     trained(0, recipe.n_monitors)
-    result = study(recipe, progress=trained)
+    result = study(recipe, executor=task.executor, progress=trained)
     figures = _drawn(
         task,
         miss_and_power=lambda: study_curves(result),

@@ -1,6 +1,7 @@
 """Train a monitor from a dataset and test it on fresh flights."""
 
 from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, field, replace
 from math import ceil
 from typing import Any
@@ -162,12 +163,14 @@ class Training:
     not_calibrated: str = ""
 
 
-def simulate(recipe: SimulatedTest, progress: Progress) -> Dataset:
+def simulate(
+    recipe: SimulatedTest, progress: Progress, executor: Executor | None = None
+) -> Dataset:
     def report(n_unsafe: int, n_made: int) -> None:
         message = f"simulating: {n_unsafe} unsafe of {n_made} rollouts"
         progress(message, n_unsafe, recipe.n_unsafe)
 
-    return collect(recipe, progress=report)
+    return collect(recipe, executor=executor, progress=report)
 
 
 def test_to_fly(monitor: Monitor) -> SimulatedHere:

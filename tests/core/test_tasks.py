@@ -96,7 +96,16 @@ def two_processes() -> Iterator[Executor]:
         yield executor
 
 
-@pytest.mark.parametrize("executor", ["one_thread", "two_processes"])
+@pytest.fixture(scope="module")
+def cluster(dask_cluster: Any) -> Iterator[Executor]:
+    with dask_cluster.get_client() as client:
+        yield client.get_executor(pure=False)
+
+
+@pytest.mark.parametrize(
+    "executor",
+    ["one_thread", "two_processes", pytest.param("cluster", marks=pytest.mark.services)],
+)
 @pytest.mark.parametrize("job", JOBS)
 def test_every_executor_gives_the_same_bits(
     job: str, executor: str, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch

@@ -37,6 +37,11 @@ def add_place(parser: argparse._ActionsContainer, text: str = "directory of all 
     option(parser, "--database-url URL", "database, instead of SQLite's")
 
 
+def add_scheduler(parser: argparse._ActionsContainer) -> None:
+    text = "Dask scheduler whose workers compute, such as tcp://host:8786; this machine if absent"
+    option(parser, "--scheduler ADDRESS", text)
+
+
 def place_of(options: argparse.Namespace) -> Settings:
     """Settings from these options and the environment, after an interrupted restore is completed.
 
