@@ -70,6 +70,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if command is None and option is not None:
             return _refused(f"{option!r} needs a command before it", option, OF_COMMANDS)
         options, unknown = _parser(command).parse_known_args(arguments)
+        if unknown and not unknown[0].startswith("-"):
+            takes = " ".join(options.arguments) or "options only"
+            words = " ".join(map(repr, unknown))
+            print(f"forewarn: {command} takes {takes}: leave out {words}", file=sys.stderr)
+            return MISTYPED
         if unknown:
             message = f"{command} does not accept {unknown[0]!r}"
             return _refused(message, unknown[0].partition("=")[0], options.known_options)
@@ -129,7 +134,10 @@ def _parser(command: str | None) -> argparse.ArgumentParser:
             module = import_module(f"app.commands.{name.replace('-', '_')}")
             module.add(subparser)
             options = [option for action in subparser._actions for option in action.option_strings]
-            subparser.set_defaults(run=module.run, known_options=options)
+            taken = [
+                str(action.metavar) for action in subparser._actions if not action.option_strings
+            ]
+            subparser.set_defaults(run=module.run, known_options=options, arguments=taken)
     return parser
 
 

@@ -44,9 +44,12 @@ def run(options: argparse.Namespace) -> int:
         return INTERRUPTED
     for flight, reason in done.failed.items():
         print(f"not scored: {flight}: {reason}", file=sys.stderr)
+    for flight, first in done.copies.items():
+        print(f"not scored: {flight}: a copy of {first}", file=sys.stderr)
     text = (
         f"{counted(done.scored, 'recording')} scored, {done.unchanged} unchanged, "
-        f"{len(done.failed)} not scored; see {options.out / 'summary.parquet'}"
+        f"{len(done.copies)} copies, {len(done.failed)} not scored; see "
+        f"{options.out / 'summary.parquet'}"
     )
     print_result(options, text, asdict(done))
     return 0 if done.is_done else 1

@@ -2,6 +2,7 @@
 
     OUT/summary.parquet        a row for each flight and scoring
         files.parquet          a row for each file of the source, with the reason if it failed
+                               and the flight that it is a copy of, which alone is scored
         samples/monitor=M/aircraft=A/month=YYYY-MM/ID.parquet
         flights/ID.json        what was scored, by what; written last: work continues after it
 
@@ -13,8 +14,10 @@ import hashlib
 import json
 import re
 import signal
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, as_completed
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from multiprocessing import get_context
@@ -52,7 +55,7 @@ SUMMARY = (
     | dict.fromkeys(("epsilon", "start", "end", "peak_risk"), "float64")
     | dict.fromkeys(COUNTS, "int64")
 )
-FILES = {"flight": "string", "size": "int64", "digest": "string", "error": "string"}
+FILES = dict.fromkeys(("flight", "digest", "error", "copy_of"), "string") | {"size": "int64"}
 """Types of the columns of the tables."""
 
 
@@ -71,11 +74,12 @@ class ArchiveRequest:
 
 @dataclass(frozen=True)
 class Archived:
-    """Numbers of flights.   failed: reason by file."""
+    """Numbers of flights.   failed: reason by file.   copies: flight with the same content."""
 
     scored: int
     unchanged: int
     failed: dict[str, str]
+    copies: dict[str, str]
 
     @property
     def is_done(self) -> bool:
@@ -115,6 +119,8 @@ class ArchiveScorer:
     def __call__(self, file: ArchiveFile) -> dict[str, Any]:
         """The record of a flight, stored unless it is unchanged. OSError if it cannot be stored."""
         try:
+            if not file.path.is_file():
+                raise ValueError(_no_file(file.path))
             content = digest_of(file.path)
             key = hashlib.sha256(json_codec.encode({**self._about, "file": content})).hexdigest()
             before = read_record(file.record)
@@ -230,8 +236,11 @@ def score_archive(
     records.mkdir(parents=True, exist_ok=True)
     for gone in stored - present:
         gone.unlink()
-    results = list[dict[str, Any]]()
-    for result in _scored(request, files):
+    copies = _copies(files)
+    results: list[dict[str, Any]] = [
+        {"flight": flight, "copy_of": first} for flight, first in copies.items()
+    ]
+    for result in _scored(request, [file for file in files if file.flight not in copies]):
         results.append(result)
         progress(len(results), len(files))
     results.sort(key=lambda result: result["flight"])
@@ -244,7 +253,8 @@ def score_archive(
             samples.unlink()
     failed = {each["flight"]: each["error"] for each in results if "error" in each}
     unchanged = sum(bool(each.get("is_unchanged")) for each in results)
-    return Archived(len(results) - len(failed) - unchanged, unchanged, failed)
+    n_scored = len(results) - len(failed) - len(copies) - unchanged
+    return Archived(n_scored, unchanged, failed, copies)
 
 
 def _files(request: ArchiveRequest) -> Iterator[ArchiveFile]:
@@ -255,10 +265,34 @@ def _files(request: ArchiveRequest) -> Iterator[ArchiveFile]:
         inside = path.relative_to(root)
         if any(part.startswith(".") for part in inside.parts) or out in path.resolve().parents:
             continue
-        if path.is_file():
+        if not path.is_dir() or path.is_symlink():
             flight = inside.as_posix()
             name = hashlib.sha256(flight.encode()).hexdigest()[:ID_LETTERS]
             yield ArchiveFile(path, flight, request.out / "flights" / f"{name}.json")
+
+
+def _no_file(path: Path) -> str:
+    """Why something that is no file is not read."""
+    if path.is_dir():
+        return "a link to a folder: give that folder as the source"
+    if path.is_symlink():
+        return f"a link to {path.readlink()}, which does not exist: mend or delete it"
+    return "a pipe or device: copy its content to a file"
+
+
+def _copies(files: list[ArchiveFile]) -> dict[str, str]:
+    """Flights whose files equal that of another flight: the first one with this content."""
+    by_size, first = defaultdict[int, list[ArchiveFile]](list), dict[str, str]()
+    for file in files:
+        if file.path.is_file():
+            by_size[file.path.stat().st_size].append(file)
+    copies = {}
+    for file in (file for equal in by_size.values() if len(equal) > 1 for file in equal):
+        with suppress(OSError):  # it is named when it is scored
+            content = digest_of(file.path)
+            if first.setdefault(content, file.flight) != file.flight:
+                copies[file.flight] = first[content]
+    return copies
 
 
 def _scored(request: ArchiveRequest, files: list[ArchiveFile]) -> Iterator[dict[str, Any]]:

@@ -39,6 +39,8 @@ def test_help_names_every_command(capsys: pytest.CaptureFixture):
         (["train", "--outcom", "safe"], "'--outcom': did you mean --out?"),
         (["--jsn"], "'--jsn' needs a command before it: did you mean --json?"),
         (["study", "--nmonitors=3"], "'--nmonitors=3': did you mean --n-monitors?"),
+        (["restore", "a.fwbackup", "b.fwbackup"], "restore takes FILE: leave out 'b.fwbackup'"),
+        (["study", "3"], "study takes options only: leave out '3'"),
     ],
 )
 def test_an_unknown_word_gets_the_closest_one_in_one_line(arguments, line, capsys):

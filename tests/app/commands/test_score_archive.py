@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 import shutil
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -114,8 +115,9 @@ def test_only_what_changed_is_scored_again(source: Path, tmp_path: Path, scored:
     again = scored()
     assert (again["scored"], again["unchanged"]) == (0, 3)
     assert tables(tmp_path / "out") == before
-    shutil.copy(source / "D-FLY/two.csv", source / "PH-LAB/20240601.csv")
-    shutil.copy(source / "D-FLY/two.csv", source / "bad.csv")
+    longer = (source / "D-FLY/two.csv").read_text()
+    (source / "PH-LAB/20240601.csv").write_text(f"{longer}\n")
+    (source / "bad.csv").write_text(f"{longer}\n\n")
     changed = scored()
     assert (changed["scored"], changed["unchanged"], changed["failed"]) == (2, 2, {})
     assert scored("--epsilon", "0.3")["scored"] == 4
@@ -200,3 +202,26 @@ def test_a_month_is_of_the_first_sample_or_of_a_date_in_the_path() -> None:
     assert month_of("2023/x/2024-05-17_3.csv", 12.0) == "2024-05"
     assert month_of("PH-LAB/20240601.csv", 0.0) == "2024-06"
     assert month_of("flight 20245.csv", 0.0) is None
+
+
+def test_equal_files_are_scored_and_counted_once(source: Path, tmp_path: Path, scored: Any) -> None:
+    shutil.copy(source / "D-FLY/two.csv", source / "PH-LAB/20240601.csv")
+    told = [scored(), scored()][1]
+    assert told["copies"] == {"PH-LAB/20240601.csv": "D-FLY/two.csv"}
+    assert (told["scored"], told["unchanged"], list(told["failed"])) == (0, 2, ["bad.csv"])
+    summary, files = tables(tmp_path / "out")
+    assert [row["flight"] for row in summary] == ["D-FLY/two.csv", "PH-LAB/2024-05/one.csv"]
+    assert [row["copy_of"] for row in files if row["copy_of"]] == ["D-FLY/two.csv"]
+
+
+def test_links_and_pipes_that_are_no_recordings_are_listed(
+    source: Path, tmp_path: Path, scored: Any
+) -> None:
+    (source / "lost.csv").symlink_to("nowhere.csv")
+    (source / "folder").symlink_to(source / "D-FLY")
+    os.mkfifo(source / "pipe.csv")
+    told = scored()
+    assert {*told["failed"]} == {"bad.csv", "lost.csv", "folder", "pipe.csv"}
+    assert "nowhere.csv, which does not exist" in told["failed"]["lost.csv"]
+    assert told["scored"] == 3
+    assert {row["flight"] for row in tables(tmp_path / "out")[1]} >= {*told["failed"]}
