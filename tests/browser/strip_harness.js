@@ -12,6 +12,7 @@ import { createRiskGauge } from "/static/js/fly/assessment/risk_gauge.js";
 import { headlineOf } from "/static/js/fly/headline.js";
 import { limitsOf, limitsInWords, exceededWords, withLimits } from "/static/js/lib/limits.js";
 import { decimal, decimals, riskText } from "/static/js/lib/numbers.js";
+import { createAddress, keepWindow } from "/static/js/lib/address.js";
 import { addDrawer, loopStats } from "/static/js/lib/draw_loop.js";
 import { createFlightChart } from "/static/js/charts/live/flight_chart.js";
 import { createTimeline } from "/static/js/charts/live/timeline.js";
@@ -61,13 +62,16 @@ export function frame(t, { growth = 0.06, state = "ok", reason = "", cause = nul
 }
 
 const timeline = createTimeline({ seconds: Number(options.get("seconds") ?? 60), lead, dt });
+const address = createAddress();
 const chart = createFlightChart(document.querySelector("#strips"), {
+  address,
   simulated: window.simulated ?? null, starts: () => [{ t: 8, from: "trim" }],
   channels: CHANNELS, epsilon: EPSILON, dt, lead, timeline, autostart: options.has("auto"),
   beside: options.get("beside"),
   history: Number(options.get("history") ?? 180_000),
 });
 document.querySelector("#strips").after(chart.cross);
+keepWindow(address, timeline);
 const dial = createRiskGauge(document.querySelector("#gauge"), options.has("auto") ? timeline : null);
 let reading = { state: null };
 const gauge = {

@@ -4,7 +4,7 @@
  * attachControls(host, {rows, bar, keys}, timeline, chart) -> {setMarking(flag)}     fills tool bar and list of keys
  *     setMarking: whether a drag sets the cursors A and B in place of moving the window
  *     host: the focusable element.   rows: the element whose box holds the plots
- *     chart: {view() -> View, plotWidth() -> units, dt() -> s, newest() -> t, wall() -> ms, follows, steps}
+ *     chart: {view() -> View, plotWidth() -> units, dt() -> s, newest() -> t, wall() -> ms, follows, steps, address}
  *     follows: whether samples arrive.   steps: {next(), back()} for two more buttons, if any
  */
 
@@ -127,8 +127,8 @@ export function attachControls(host, { rows: plots, bar, keys: help }, timeline,
     ["-", "−", "Show more time", () => zoom(2)],
     ["+", "+", "Show less time", () => zoom(0.5)],
     ["L", word, follow, entire],
-    ["Z", "↶", "Back to the window before", timeline.back],
-    ["Y", "↷", "Forward to the window after", timeline.forward],
+    ["Z", "↶", "Back to the window before", chart.address.back],
+    ["Y", "↷", "Forward to the window after", chart.address.forward],
   ];
   const keys = {
     ...Object.fromEntries(commands.map(([key, , , act]) => [key.toLowerCase(), act])),

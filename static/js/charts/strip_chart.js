@@ -176,6 +176,7 @@ export function createStripChart(host, options) {
     wall: () => wall,
     follows: source.follows,
     steps,
+    address,
   });
   const safeChoice = createSafeChoice(simulated, address, (band, interval) => {
     [safe, errors] = [band, interval];

@@ -10,7 +10,7 @@
  *   goLive()                    stop holding, at the first width
  *   setWidth(seconds)           of a window that is not held
  *   usual, held -> {start, width}    the first width; start: NaN while it is not held
- *   keepPlace(), back(), forward()    keepPlace: the next change is one that back() undoes, with all that follow it
+ *   keepPlace(), steps    keepPlace: the next change of the window is a step, with all that follow it.   steps: their number
  *   forget()                    also the cursors, for another flight; a window that follows keeps its zoom
  *   pinned -> t | NaN           the cursor that stays
  *   setCursor(t | null), setHover(fraction | null), cursorAt(view) -> t | NaN
@@ -18,21 +18,19 @@
  *   subscribe(listener) -> unsubscribe, changed(), revision    of the window and the cursors
  */
 
-const MOST_KEPT = 100; // windows that back() returns to
-
 export function createTimeWindow(options) {
   const { width: usual, least, longest = usual, start = -Infinity, end = Infinity, follow } = options;
   const marks = { a: NaN, b: NaN };
   const listeners = new Set();
   let width = usual;
   let held = null; // where a held window begins [s]
-  let begun = null; // the window before the next change, until it comes
-  let [past, future] = [[], []]; // windows, [held, width]
+  let begun = false; // whether the next change is a step
   let cursor = NaN;
   let hover = NaN;
 
   const own = {
     revision: 0,
+    steps: 0,
     marks,
     changed,
     view,
@@ -43,18 +41,16 @@ export function createTimeWindow(options) {
     goLive: () => place(null, usual),
     setWidth: (wanted) => place(null, clamped(wanted)),
     keepPlace: () => {
-      begun = [held, width];
+      begun = true;
     },
-    back: () => step(past, future),
-    forward: () => step(future, past),
     usual,
     get held() {
       return { start: held ?? NaN, width };
     },
     forget: () => {
       if (held !== null) width = usual;
-      held = begun = null;
-      [past, future] = [[], []];
+      held = null;
+      begun = false;
       own.setCursor(null);
       own.clearMarks();
     },
@@ -105,19 +101,11 @@ export function createTimeWindow(options) {
   }
 
   function place(at, wide) {
-    if (begun !== null && (at !== held || wide !== width)) {
-      past = [...past.slice(1 - MOST_KEPT), begun];
-      [begun, future] = [null, []];
+    if (begun && (at !== held || wide !== width)) {
+      own.steps += 1;
+      begun = false;
     }
     [held, width] = [at, wide];
-    changed();
-  }
-
-  function step(from, to) {
-    if (from.length === 0) return;
-    to.push([held, width]);
-    [held, width] = from.pop();
-    begun = null;
     changed();
   }
 
