@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Locator, Page, expect
+from playwright.sync_api import Browser, Locator, Page, WebSocketRoute, expect
 
 from core.monitor import Monitor
 from tests.browser.chromium import violations, watch_errors
@@ -101,6 +101,26 @@ def test_the_strip_of_an_exceeding_channel_is_never_hidden(own_page: Page, scori
     expect(part(edit(page), "Ny")).to_contain_text("exceeded its limit: shown")
 
 
+def test_a_link_that_asks_for_unknown_parts_tells_so_and_shows_the_others(
+    own_page: Page, scoring: str
+) -> None:
+    page = opened(
+        own_page, f"{scoring}&strips=Ny,lift,p,p*9&panels=map,notes&cross=beta:Ny,beta:mach"
+    )
+    assert keys_of(page) == ["Ny", "p"]
+    unknown = page.locator(".layout-unknown")
+    expect(unknown).to_have_text(re.compile(r": lift, p\*9, map, mach\."))
+    expect(page.locator(".cross-plot")).to_have_count(1)
+    expect(page.get_by_label("Events", exact=True)).to_be_hidden()
+    assert violations(page) == []
+    edit(page).get_by_role("button", name="Desk").click()
+    expect(unknown).to_be_hidden()
+    opened(page, f"{scoring}&only=map")
+    expect(unknown).to_have_text(re.compile(r": map\."))
+    assert keys_of(page) == KEYS
+    expect(page.locator(".masthead")).to_be_visible()
+
+
 def test_a_value_outside_a_fixed_scale_and_a_limit_are_never_lost(
     own_page: Page, scoring: str
 ) -> None:
@@ -183,7 +203,8 @@ BAD = {
     "no JSON": ("{", "no JSON"),
     "another file": ("[1]", "no layout of Forewarn"),
     "other channels": ({"strips": "Nz,alpha"}, "not in this view: Nz, alpha"),
-    "no strip": ({"strips": "Ny*7"}, r"Ny\*7 cannot be read"),
+    "no strip": ({"strips": "Ny*7"}, r"not in this view: Ny\*7"),
+    "other panels": ({"panels": "map"}, "not in this view: map"),
     "unknown part": ({"colour": "red"}, "its colour cannot be read"),
     "crossed": ({"cross": "Nz:beta"}, "not in this view: Nz"),
 }
@@ -240,6 +261,52 @@ def test_no_layout_hides_an_alarm_or_a_call(
     page.keyboard.press("w")
     editor.get_by_role("button", name="Desk").click()
     expect(page.locator(".event-panel .event").first).to_be_visible()
+
+
+def test_keys_typed_into_the_layout_editor_are_no_shortcuts_but_calls_work_beside_its_fields(
+    own_page: Page, site: RecordedSite, flight: str
+) -> None:
+    page = own_page
+    page.goto(f"{site.http}/#/fly/{flight}")
+    editor = edit(page)
+    every = "abcefgjklmnopqtvwxyz0?[],.+-"
+    fields = (editor.get_by_label("Name of the layout"), part(editor, "beta").locator("input").last)
+    for field in fields:
+        field.press_sequentially(every)
+        expect(field).to_have_value(every)
+    assert site.ask("GET", f"/flights/{flight}/markers") == []
+    for away in (".wall-state", "dialog", ".event-entry"):
+        expect(page.locator(away)).to_be_hidden()
+    part(editor, "beta").get_by_label("Show").press("x")
+    expect(page.locator(".marker-last")).to_contain_text("ABORT")
+    editor.get_by_role("button", name="Close").press("q")
+    expect(page.get_by_label("Events", exact=True)).to_contain_text("KNOCK IT OFF")
+
+
+def test_every_second_window_shows_a_lost_link_as_the_page_does(
+    own_page: Page, site: RecordedSite, flight: str
+) -> None:
+    page, isnot_cut = own_page, [True]
+
+    def pass_on(route: WebSocketRoute) -> None:
+        server = route.connect_to_server()
+        server.on_message(lambda text: route.send(text) if isnot_cut else None)
+
+    page.context.route_web_socket(re.compile(r"/stream\?"), pass_on)
+    page.goto(f"{site.http}/#/fly/{flight}")
+    windows = edit(page).get_by_role("group", name="In a second window")
+    seconds: list[Page] = []
+    for button in windows.get_by_role("button").all():
+        with page.context.expect_page() as opened:
+            button.click()
+        seconds.append(opened.value)
+        expect(opened.value.locator(".alarm-panel")).to_contain_text("LIMIT EXCEEDED")
+    isnot_cut.clear()
+    expect(page.locator('[data-item="link"]')).to_contain_text("LOST")
+    for second in seconds:
+        expect(second.locator(".link-lost")).to_contain_text("Connection lost")
+        expect(second.locator(".link-lost")).to_be_in_viewport()
+        second.close()
 
 
 def test_a_panel_in_a_second_window_tells_of_alarm_and_end(

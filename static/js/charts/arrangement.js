@@ -10,7 +10,7 @@
  *   change(key, {as, size, range}), move(key, by)
  *   subscribe(listener)   called after each change
  * shownText(keys)       these parts, shown as usual
- * checkedText(text, keys)    throws an Error where an arrangement of these parts cannot be read
+ * unknownItems(text, keys) -> [text]    what an arrangement of these parts leaves out
  *
  * As text: the shown parts in order, as "Ny*2@-0.5:0.5,.beta": "." before a number in place of a strip.
  */
@@ -78,12 +78,9 @@ export function createArrangement(address, name, usual, parts) {
   }
 }
 
-export function checkedText(text, keys) {
-  const known = new Set(keys);
-  const strange = text === "" ? [] : text.split(",").filter((word) => itemsOf(word).length === 0);
-  if (strange.length > 0) throw new Error(`${strange[0]} cannot be read`);
-  const others = itemsOf(text).map(({ key }) => key).filter((key) => !known.has(key));
-  if (others.length > 0) throw new Error(`not in this view: ${others.join(", ")}`);
+export function unknownItems(text, keys) {
+  const isKnown = (word) => itemsOf(word).some(({ key }) => keys.includes(key));
+  return text.split(",").filter((word) => word !== "" && !isKnown(word)).map((word) => itemsOf(word)[0]?.key ?? word);
 }
 
 export const shownText = (keys) => textOf(keys.map((key) => ({ key, as: "shown", size: 1, range: null })));

@@ -1,21 +1,20 @@
 /**
  * Where the user arranges a view: strips, panels, presets, layouts by name and as files.
  *
- * createLayoutEditor({arrangement, panels, address, keys, presets}) -> {element, toggle()}
+ * createLayoutEditor({arrangement, panels, address, keys, presets}) -> {element, unknown, toggle()}
  *     arrangement: of the strips, see arrangement.js.   panels: of those beside them.   keys: of the channels
- *     presets: {word: layout}, see layouts.js
+ *     presets: {word: layout}, see layouts.js.   unknown: element for what the link asks for and this view does not have
  */
 
-import { button, errorLine, formatted, h, hiddenHead } from "../lib/dom.js";
+import { button, errorLine, formatted, h, hiddenHead, put } from "../lib/dom.js";
 import { decimal } from "../lib/numbers.js";
 import { SIZES } from "./arrangement.js";
-import { applyLayout, layoutFile, layoutNow, layoutOf, savedLayouts, saveLayout } from "./layouts.js";
+import { applyLayout, layoutFile, layoutNow, layoutOf, savedLayouts, saveLayout, unknownParts } from "./layouts.js";
 import { saveText } from "./picture.js";
-import { openAlone } from "./side_panels.js";
+import { namesAlone, ONLY, openAlone } from "./side_panels.js";
 
 const WAYS = { shown: "shown", number: "number", hidden: "hidden" };
 const SIZE_WORDS = { 0.5: "half", 1: "usual", 2: "double", 3: "triple" };
-const WHOLE = { strips: "Strips", cross: "Cross plots" };
 
 export function createLayoutEditor({ arrangement, panels, address, keys, presets }) {
   const failure = errorLine();
@@ -28,8 +27,19 @@ export function createLayoutEditor({ arrangement, panels, address, keys, presets
     h("div.layout-tables", tableOf("Strips, from top to bottom", arrangement, failure, true), tableOf("Panels beside them", panels, failure, false)),
     h("div.row", { role: "group", "aria-label": "In a second window" }, h("span.dim", "In a second window:"), windowsOf(panels)),
     savedPart());
+  const unknown = h("p.warning.layout-unknown", { role: "status", hidden: true });
+  const known = { strips: keysOf(arrangement), panels: keysOf(panels), channels: keys };
   let opener = null;
-  return { element, toggle };
+  for (const each of [arrangement, panels]) each.subscribe(tell);
+  tell();
+  return { element, unknown, toggle };
+
+  function tell() {
+    const alone = [address.get(ONLY)].filter((name) => name !== null && !Object.hasOwn(namesAlone(panels), name));
+    const missing = [...unknownParts(layoutNow(address), known), ...alone];
+    put(unknown, `◆ Not in this view, so not shown: ${missing.join(", ")}.`);
+    unknown.hidden = missing.length === 0;
+  }
 
   function toggle() {
     element.hidden = !element.hidden;
@@ -84,7 +94,9 @@ export function createLayoutEditor({ arrangement, panels, address, keys, presets
       const [given] = file.files;
       if (given === undefined) return;
       try {
-        const { name: wanted, layout } = layoutOf(await given.text(), keys, arrangement.parts.map(({ key }) => key));
+        const { name: wanted, layout } = layoutOf(await given.text());
+        const missing = unknownParts(layout, known);
+        if (missing.length > 0) throw new Error(`not in this view: ${missing.join(", ")}`);
         apply(layout);
         name.value = wanted;
       } catch (error) {
@@ -95,9 +107,10 @@ export function createLayoutEditor({ arrangement, panels, address, keys, presets
   }
 }
 
+const keysOf = ({ parts }) => parts.map(({ key }) => key);
+
 function windowsOf(panels) {
-  const all = { ...WHOLE, ...Object.fromEntries(panels.parts.map(({ key, label }) => [key, label])) };
-  return Object.entries(all).map(([name, word]) => button(word, () => openAlone(name), { class: "button button-small" }));
+  return Object.entries(namesAlone(panels)).map(([name, word]) => button(word, () => openAlone(name), { class: "button button-small" }));
 }
 
 function tableOf(caption, arrangement, failure, isScaled) {

@@ -5,11 +5,12 @@
  * presetsOf(strips, panels, pairs) -> {word: layout}
  * layoutNow(address) -> {name: text}, applyLayout(address, layout)     a part that is left out is the usual one
  * savedLayouts(keys) -> {name: layout}, saveLayout(keys, name, layout | null)     keys: of the channels; null deletes it
- * layoutFile(keys, name, layout) -> text, layoutOf(text, keys, stripKeys) -> {name, layout}     throws an Error: why it is none for these channels
+ * unknownParts(layout, {strips, panels, channels}) -> [text]     what this view does not have, or what cannot be read
+ * layoutFile(keys, name, layout) -> text, layoutOf(text) -> {name, layout}     throws an Error: why it is none
  */
 
 import { remember, remembered } from "../lib/storage.js";
-import { checkedText, shownText } from "./arrangement.js";
+import { shownText, unknownItems } from "./arrangement.js";
 import { MARGIN } from "./strips.js";
 
 const KEY = "forewarn.layouts";
@@ -54,14 +55,17 @@ export function layoutFile(keys, name, layout) {
   return `${JSON.stringify({ [FORMAT]: VERSION, name, channels: keys, layout }, null, 2)}\n`;
 }
 
-export function layoutOf(text, keys, stripKeys) {
+export function unknownParts({ strips = "", panels = "", cross = "" }, known) {
+  const pairs = cross.split(",").filter((pair) => pair !== "");
+  const crossed = pairs.flatMap((pair) => (pair.split(":").length === 2 ? pair.split(":").filter((key) => !known.channels.includes(key)) : [pair]));
+  return [...new Set([...unknownItems(strips, known.strips), ...unknownItems(panels, known.panels), ...crossed])];
+}
+
+export function layoutOf(text) {
   const { [FORMAT]: version, name, layout } = plainOf(text);
   if (version !== VERSION || typeof name !== "string" || layout?.constructor !== Object) throw new Error("no layout of Forewarn: choose a file that Save as file made");
   const strange = Object.entries(layout).find(([part, value]) => !PARTS.includes(part) || typeof value !== "string");
   if (strange !== undefined) throw new Error(`its ${strange[0]} cannot be read: save it again`);
-  if ("strips" in layout) checkedText(layout.strips, stripKeys);
-  const crossed = (layout.cross ?? "").split(/[,:]/).filter((key) => key !== "" && !keys.includes(key));
-  if (crossed.length > 0) throw new Error(`not in this view: ${crossed.join(", ")}`);
   return { name, layout };
 }
 

@@ -3,14 +3,15 @@
  *
  * arrangePanels(address, column, {name: {label, element}}) -> Arrangement     see arrangement.js; kept in the address as `panels`
  *     column: holds the elements.   A frame is never moved, since it would load again: the others move around it
- * showAlone(view, address) -> name | null     of the part that the address wants alone (`only`), as data-only of the view;
+ * showAlone(view, address, panels) -> name | null     of the part that the address wants alone (`only`), as data-only of the view;
  *     the style sheet hides the other parts, except those that tell of alarms, of the link and of the end
+ * namesAlone(panels) -> {name: word}     of the parts that may be alone
  * openAlone(name)     in a second window
  */
 
 import { createArrangement } from "./arrangement.js";
 
-const ONLY = "only";
+export const ONLY = "only";
 
 export function arrangePanels(address, column, panels) {
   const keys = Object.keys(panels);
@@ -42,9 +43,12 @@ export function arrangePanels(address, column, panels) {
   }
 }
 
-export function showAlone(view, address) {
+export const namesAlone = ({ parts }) => ({ strips: "Strips", cross: "Cross plots", ...Object.fromEntries(parts.map(({ key, label }) => [key, label])) });
+
+export function showAlone(view, address, panels) {
   const name = address.get(ONLY);
-  if (name !== null) view.dataset.only = name;
+  if (name === null || !Object.hasOwn(namesAlone(panels), name)) return null;
+  view.dataset.only = name;
   return name;
 }
 

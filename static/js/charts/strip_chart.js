@@ -55,6 +55,9 @@ export function createStripChart(host, options) {
   let look = 0; // counts changes of size, theme, limits
   let measured = false;
   const drawn = strips.map((strip, k) => createStrip(layout.rowOf[k].canvas, strip));
+  const keys = channels.map(({ key }) => key);
+  const editor = panels && createLayoutEditor({ arrangement: layout.arrangement, panels, address, keys, presets: presetsOf(strips, panels, usualPairs(channels)) });
+  if (editor !== null) layout.rows.before(editor.unknown);
   const cross = createCrossPanel({ channels, strips, dt: source.dt, scale: options.scale, simulated, address, changed: () => (measured = false) });
   const parts = [...drawn, createTimeAxis(layout.axis), ...extras, cross];
   const sheets = parts.filter(({ canvas }) => canvas);
@@ -190,8 +193,6 @@ export function createStripChart(host, options) {
     button("SVG", () => savePicture(picture(), `${name()}.svg`), { ...small, "aria-label": "Save the picture as SVG" }),
     button("CSV", () => saveText(values(), `${name()}.csv`, "text/csv"), { ...small, "aria-label": "Save the values in view as CSV" }),
   ];
-  const keys = channels.map(({ key }) => key);
-  const editor = panels && createLayoutEditor({ arrangement: layout.arrangement, panels, address, keys, presets: presetsOf(strips, panels, usualPairs(channels)) });
   layout.bar.element.append(createViewMenu([editor && button("Layout", editor.toggle, small), button("Add a cross plot", cross.add, small), safeChoice, h("div.row", h("span", "Save what is seen:"), files)]));
   const remeasure = () => {
     measured = false;

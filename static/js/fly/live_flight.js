@@ -352,6 +352,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     const blank = headline?.status === "no_data" && hello.mode === "live";
     panels.lost.hidden = !lost && !stale && !blank;
     panels.lost.toggleAttribute("data-calm", blank);
+    panels.lost.toggleAttribute("data-lost", lost);
     const words = lost ? (connection.loggedOut ? LOGGED_OUT : lostText(connection.retryIn(wall))) : blank ? NO_DATA : coverText(display?.cause, connection.figures(wall).age);
     if (panels.lost.textContent === words) return;
     const cut = words.indexOf(". ") + 1;

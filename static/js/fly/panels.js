@@ -67,7 +67,7 @@ export function createFlightPanels(element, address) {
     events: { label: "Events", element: panels.events },
     card: { label: "Test card", element: panels.card },
   });
-  panels.alone = showAlone(panels.view, address);
+  panels.alone = showAlone(panels.view, address, panels.arranged);
   return panels;
 }
 

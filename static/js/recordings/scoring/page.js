@@ -80,7 +80,7 @@ export function showScoring(element, { id, query, api, navigate }) {
     });
     keep({ close: chart.destroy });
     const scored = h("div.scored", h("div.stack-tight", host, chart.editor, chart.cross), side);
-    showAlone(scored, address);
+    showAlone(scored, address, panels);
     const notes = createNotesPanel({ api, recording: id, place, go: (t) => visit({ t }), changed: showMarkers });
     keep({ close: chart.window.subscribe(notes.moved) });
     host.addEventListener("keydown", (event) => {
