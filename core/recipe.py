@@ -1,7 +1,7 @@
 """Recipes as plain data and back, the same way for files, options and requests."""
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import field, fields, is_dataclass
 from difflib import SequenceMatcher
 from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
@@ -54,6 +54,11 @@ def family_of(member: Any) -> Family | None:
     return next((known for known in FAMILIES.values() if isinstance(member, known.base)), None)
 
 
+def later(default: Any) -> Any:
+    """A field that older recipes lack: plain data leave its default out, so digests stay."""
+    return field(default=default, metadata={"later": True})
+
+
 def to_plain(recipe: Any) -> Any:
     """A recipe as plain data; a family's member names itself by `kind`."""
     if isinstance(recipe, tuple | list):
@@ -62,7 +67,11 @@ def to_plain(recipe: Any) -> Any:
         return {key: to_plain(value) for key, value in recipe.items()}
     if not is_dataclass(recipe):
         return recipe
-    plain = {field.name: to_plain(getattr(recipe, field.name)) for field in fields(recipe)}
+    plain = {
+        each.name: to_plain(getattr(recipe, each.name))
+        for each in fields(recipe)
+        if not (each.metadata.get("later") and getattr(recipe, each.name) == each.default)
+    }
     of = family_of(recipe)
     return plain if of is None else {"kind": _kind(recipe, of.known)} | plain
 
@@ -73,8 +82,7 @@ def _kind(member: Any, members: Mapping[str, Any]) -> str:
 
     def agreement(name: str) -> int:
         return sum(
-            getattr(member, field.name) == getattr(same[name], field.name)
-            for field in fields(member)
+            getattr(member, each.name) == getattr(same[name], each.name) for each in fields(member)
         )
 
     return max(same, key=agreement)

@@ -32,7 +32,7 @@ class PlannedTest:
     limits_known: whether the monitor records the limits it was trained for.
     maneuver, aircraft: None where the monitor does not come from a recipe.
     flown: (n_controls,) usual largest movement of each control in flights of its training, and
-    length: their length [s]; for a monitor without a recipe.
+    length: their length [s]; for a monitor without a recipe, or whose pilot captures a target.
     """
 
     dt: float
@@ -71,7 +71,7 @@ class PlannedTest:
     @cached_property
     def commands(self) -> Array:
         """(n, n_controls) planned commands of aileron and rudder [rad]; n = 0 where unknown."""
-        if self.maneuver is None:
+        if self.maneuver is None or self.maneuver.captured:
             return np.empty((0, len(self.controls)))
         exact = replace(self.maneuver, timing_jitter_s=0.0, amplitude_jitter=0.0)
         return exact.pilot(self.dt, 1, np.random.default_rng(0))[0]
@@ -88,6 +88,8 @@ def planned_test(monitor: Monitor) -> PlannedTest:
     """The test a monitor was trained for, as far as it records it."""
     if monitor.dictionary == LATERAL:
         test = _recipe_test(monitor.dt, limits_of(monitor), monitor.dataset_recipe)
+        if test.maneuver is not None and test.maneuver.captured:
+            test = replace(test, flown=_movements(LATERAL, monitor.inputs))
     else:
         length = float(monitor.safe_where[:, 1].max()) * monitor.dt
         about = monitor.dt, limits_of(monitor), monitor.dictionary
@@ -123,6 +125,8 @@ def rollouts_test(
 
 def _recipe_test(dt: float, limits: Envelope, recipe: dict[str, Any]) -> PlannedTest:
     given = {part: {part: recipe[part]} for part in ("maneuver", "aircraft") if part in recipe}
+    if "maneuver" in given and "pilot" in recipe:
+        given["maneuver"]["pilot"] = recipe["pilot"]
     parts = {
         part: getattr(from_plain(DatasetRecipe(), plain), part) for part, plain in given.items()
     }
@@ -137,12 +141,18 @@ def _flown_test(
     length: float,
 ) -> PlannedTest:
     """The test of flights of any simulator. inputs: how their controls moved.   length: [s]."""
+    flown = _movements(dictionary, inputs)
+    return PlannedTest(dt, limits, dictionary=dictionary, flown=flown, length=length)
+
+
+def _movements(dictionary: Dictionary, inputs: InputSupport | None) -> Array:
+    """(n_controls,) usual largest movement of each control; zeros where unknown."""
     controls = dictionary.of_role("control")
     flown = np.zeros(len(controls))
     if inputs is not None:
         for c, usual in zip(inputs.surfaces.tolist(), inputs.usual.tolist(), strict=True):
             flown[controls.index(c)] = usual
-    return PlannedTest(dt, limits, dictionary=dictionary, flown=flown, length=length)
+    return flown
 
 
 def limits_of(monitor: Monitor) -> Envelope:

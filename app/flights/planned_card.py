@@ -9,6 +9,7 @@ from app.assessment.trim import GUARD_S, departure, input_sizes
 from app.messages import CardInput, CardPoint, PlannedCard
 from app.store.campaigns import StoredCampaign
 from core.monitor import Monitor
+from core.simulation.maneuver import MANEUVERS
 from core.types import Array, Indices
 
 MOST_DRAWN = 400
@@ -26,7 +27,7 @@ def planned_card(monitor: Monitor, point: CardPoint | None = None) -> PlannedCar
     inputs, steps = _inputs(planned)
     rest, length = planned.trim_segment_s, planned.duration
     return PlannedCard(
-        why="" if inputs else NO_INPUT,
+        why="" if inputs else _target(monitor) or NO_INPUT,
         point=point,
         inputs=inputs,
         steps=steps,
@@ -34,6 +35,19 @@ def planned_card(monitor: Monitor, point: CardPoint | None = None) -> PlannedCar
         rest=rest + GUARD_S,
         airspeed=condition.airspeed if condition else None,
         altitude=condition.altitude if condition else None,
+    )
+
+
+def _target(monitor: Monitor) -> str:
+    """What the pilot of a monitor's test captures; empty if nothing."""
+    plain = monitor.dataset_recipe.get("maneuver", {})
+    maneuver = MANEUVERS.get(plain.get("kind", ""))
+    if maneuver is None or not maneuver.captured:
+        return ""
+    first, then = plain["amplitude_deg"], plain["then_deg"]
+    return (
+        f"the pilot captures targets of {plain['axis']}: {first:g} deg, {then:g} deg after "
+        f"{plain['hold_s']:g} s"
     )
 
 

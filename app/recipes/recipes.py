@@ -29,10 +29,12 @@ from core.planned_test.planned_test import DatasetRecipe
 from core.recipe import RecipeError as RecipeError
 from core.recipe import to_plain as to_plain
 from core.simulation.aircraft import AIRCRAFT, MatrixAircraft
+from core.simulation.maneuver import MANEUVERS
 from core.simulation.nonlinear_aircraft import NONLINEAR_AIRCRAFT
+from core.simulation.pilot import usual_pilot
 
 DEFAULT_KIND: str = to_plain(DatasetRecipe())["aircraft"]["kind"]
-BEFORE_IMPERFECTIONS = {entry.name for entry in fields(DatasetRecipe)} - {"imperfections"}
+BEFORE_IMPERFECTIONS = {entry.name for entry in fields(DatasetRecipe)} - {"imperfections", "pilot"}
 BEFORE_GUARANTEE = set(
     takewhile("guarantee".__ne__, (entry.name for entry in fields(MonitorRecipe)))
 )
@@ -185,6 +187,10 @@ def dataset_recipe(plain: Any, where: str = "dataset") -> tuple[SimulatedHere, S
     if is_auto:
         rest = {key: value for key, value in maneuver.items() if key != "amplitude_deg"}
         plain = plain | {"maneuver": rest}
+    if isinstance(maneuver, dict) and "pilot" not in plain:
+        flown = MANEUVERS.get(str(maneuver.get("kind")))
+        if flown is not None and flown.captured:
+            plain = plain | {"pilot": to_plain(usual_pilot(flown))}
     default, limits = default_test(plain), plain.get(STORED_LIMITS)
     if isinstance(default, NonlinearTest) and isinstance(limits, dict):
         plain = plain | {STORED_LIMITS: NO_FLIGHT_LIMITS | limits}

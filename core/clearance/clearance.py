@@ -98,6 +98,11 @@ class BuildUp:
     def __post_init__(self) -> None:
         if not self.flown:
             raise ClearanceError("no flown step was given: a clearance needs at least one")
+        if self.following.simulator().crew is not None:
+            raise ClearanceError(
+                "a clearance is computed for planned inputs alone, and a pilot in the loop flies "
+                "the next point: choose the pilot open_loop"
+            )
         for step in self.flown:
             for part in ("aircraft", "control_law", "specification", "dt"):
                 if getattr(step, part) != getattr(self.following, part):

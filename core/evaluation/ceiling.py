@@ -47,13 +47,14 @@ class Ceiling:
 
     def __init__(self, test: DatasetRecipe) -> None:
         maneuver, limits = test.maneuver, magnitudes_of(test.specification)
-        if not isinstance(maneuver, Steps) or limits is None or not test.imperfections.are_none:
+        self._simulator = test.simulator()
+        is_closed = self._simulator.crew is not None or not test.imperfections.are_none
+        if not isinstance(maneuver, Steps) or limits is None or is_closed:
             raise ValueError(
-                "the information limit needs a manoeuvre of steps, limits, and no imperfections "
-                "besides noise and scatter: leave it out, or the imperfections"
+                "the information limit needs a manoeuvre of steps, limits, nobody in the loop, and "
+                "no imperfections besides noise and scatter: leave it out, or those"
             )
         self._test, self._maneuver, self._limits = test, maneuver, limits
-        self._simulator = test.simulator()
         plant = self._simulator.plant
         self._uncertain = np.flatnonzero(plant.spread)
         part = 1.0 if plant.distribution == "normal" else 3**-0.5

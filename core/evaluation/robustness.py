@@ -12,6 +12,7 @@ from core.monitor.monitor import Monitor
 from core.planned_test.collection import SimulatedTest, replanned
 from core.planned_test.maneuver_simulator import USUAL_TIMING_JITTER_S
 from core.planned_test.near import FLIGHTS_EACH, fly_each, near_aircraft, retuned, softer
+from core.planned_test.nonlinear_test import NonlinearTest
 from core.planned_test.planned_test import (
     DatasetRecipe,
     LateralSimulator,
@@ -22,12 +23,15 @@ from core.simulation.aircraft import AIRCRAFT, IdentifiedAircraft, PublishedAirc
 from core.simulation.imperfections import USUAL_IMPERFECTIONS
 from core.simulation.maneuver import Altered
 from core.simulation.nonlinear import TrimError
+from core.simulation.pilot import Crossover
 from core.simulation.published import MODELS
 from core.simulation.python_simulator import OwnCodeError
 from core.simulation.simulator import Flies, Rollouts
 from core.simulation.turbulence import Turbulence
 from core.types import Array, Indices
 
+Piloted = DatasetRecipe | NonlinearTest
+"""Tests with a pilot."""
 WORSE_AIR: dict[Turbulence, Turbulence] = {
     "none": "smooth",
     "smooth": "light",
@@ -82,12 +86,24 @@ def _less_perfect(recipe: DatasetRecipe) -> DatasetRecipe:
     return replace(recipe, imperfections=replace(planned, turbulence=gusty, **doubled))
 
 
+def _another_pilot(test: Piloted, gain: float = 1.0, delay_s: float = 0.0) -> Piloted:
+    """The test with another pilot in the loop, who keeps bank where nobody was in it.
+
+    ValueError where nobody can be.
+    """
+    pilot = test.pilot if isinstance(test.pilot, Crossover) else Crossover()
+    crossover = gain * pilot.crossover_rad_s
+    changed = replace(pilot, crossover_rad_s=crossover, delay_s=pilot.delay_s + delay_s)
+    return replace(test, pilot=changed)
+
+
 @dataclass(frozen=True)
 class Difference:
     """A way in which flights differ from the planned test.
 
     words: the difference.   number: of its random stream; it never changes.
-    recipe: changes the planned test.   spread: factor on the width of D_theta.
+    recipe: changes the planned test.   pilot: the same, also of nonlinear aircraft.
+    spread: factor on the width of D_theta.
     share: of the flights asked for.
     factor: of `near_aircraft` on the derivatives of aircraft flown several times; None: D_theta.
     others: whether published aircraft of other types fly the test.
@@ -96,6 +112,7 @@ class Difference:
     words: str
     number: int
     recipe: Callable[[DatasetRecipe], DatasetRecipe] = _as_planned
+    pilot: Callable[[Piloted], Piloted] | None = None
     spread: float = 1.0
     share: float = 1.0
     factor: float | None = None
@@ -122,6 +139,17 @@ DIFFERENCES = {
     "near_1.25": Difference("parameters within a factor of 1.25", 10, factor=1.25),
     "near_1.5": Difference("parameters within a factor of 1.5", 11, factor=1.5),
     "other_type": Difference("another type of aircraft", 12, others=True),
+    "pilot_high_gain": Difference(
+        "another pilot in the loop: gain 1.5 times", 13, pilot=partial(_another_pilot, gain=1.5)
+    ),
+    "pilot_low_gain": Difference(
+        "another pilot in the loop: gain 0.67 times", 14, pilot=partial(_another_pilot, gain=2 / 3)
+    ),
+    "pilot_delay": Difference(
+        "another pilot in the loop: delay 0.1 s longer",
+        15,
+        pilot=partial(_another_pilot, delay_s=0.1),
+    ),
 }
 
 
@@ -160,6 +188,13 @@ def _flown(
             return fly_some(simulator, theta, rng)
         except (OwnCodeError, TrimError):
             return None  # such as aircraft that cannot be trimmed
+    if difference.pilot is not None:
+        if not isinstance(test, Piloted):
+            return None
+        try:
+            return difference.pilot(test).simulator().rollouts(n, rng), None
+        except ValueError:
+            return None  # such as a manoeuvre that moves the pilot's own surface
     if (recipe := replanned(test)) is None:
         return None
     if difference.others:

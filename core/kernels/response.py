@@ -28,6 +28,7 @@ from core.kernels.lanes import (
     write,
     write_integer,
 )
+from core.kernels.pilot import Pilots, memory_of, seats, steer_lanes
 from core.kernels.zero_order_hold import FADING, GUST, KINDS, discretise, product, scratch
 from core.types import Array
 
@@ -62,11 +63,12 @@ class Gusts(NamedTuple):
     state: int
 
 
-def linear_work(nx: int, m: int, n_samples: int, n_out: int) -> int:
+def linear_work(nx: int, m: int, n_samples: int, n_out: int, in_loop: Pilots) -> int:
     """Workspace of `roll_out_linear` [numbers]."""
     n = nx + 2 + m
     vectors = n * n + (9 + SAMPLES) * n + 4 + 4 * SAMPLES + N_FEEDBACK * (nx + 2)
-    return GROUPS * ((vectors + 2 * n_samples + n_out) * WIDTH + scratch(n))
+    own = vectors + 2 * n_samples + n_out + memory_of(in_loop)
+    return GROUPS * (own * WIDTH + scratch(n))
 
 
 @jit
@@ -268,10 +270,12 @@ def _begin(w, at, plants, law, bandwidth, hold, gust_state, which):
 
 
 @jit
-def roll_out_linear(plants, law, bandwidth, pilot, hold, gusts, work, iwork, out, first, last):
+def roll_out_linear(
+    plants, law, bandwidth, pilot, hold, gusts, in_loop, work, iwork, out, first, last
+):
     """Simulate rollouts first..last-1 into `out`; returns the first block that failed, or -1.
 
-    hold, gusts: Hold and Gusts.
+    hold, gusts, in_loop: Hold, Gusts and Pilots; with pilots in the loop, commands are not shared.
     work: `linear_work` numbers, aligned; iwork: LINEAR_IWORK integers.
     With a pedal lag the surfaces follow u + e: the held command, and the rest of earlier jumps,
     which fades as exp(-t / lag). Both are exact, without additional states.
@@ -291,6 +295,8 @@ def roll_out_linear(plants, law, bandwidth, pilot, hold, gusts, work, iwork, out
     changed, used = np.zeros(n_samples, np.bool_), np.zeros(2, np.bool_)
     lagged, fade = hold.decays[0] != 0.0, splat(hold.decays[0])
     start = force if lagged else constant
+    seat = seats(in_loop, rates0 + GROUPS * rates_bytes)
+    is_tracked = seat.n_axes > 0
     for base in range(first, last, GROUPS * WIDTH):
         groups = min(GROUPS, (last - base + WIDTH - 1) // WIDTH)
         for g in range(groups):
@@ -307,6 +313,8 @@ def roll_out_linear(plants, law, bandwidth, pilot, hold, gusts, work, iwork, out
                 commands = commands0 + g * commands_bytes
                 gather_commands(pilot, which0 + g * which_bytes, commands)
                 note_changes(commands, n_samples, changed, used)
+            if is_tracked:
+                changed[:], used[:] = True, True
         now = 0
         filled = np.int64(1)
         written = np.int64(0)
@@ -314,8 +322,11 @@ def roll_out_linear(plants, law, bandwidth, pilot, hold, gusts, work, iwork, out
         for k in range(n_samples - 1):
             if changed[k]:
                 for g in range(groups):
-                    w = w0 + g * w_bytes
-                    take_command(w, commands0 + g * commands_bytes, 2 * k * WIDTH, u, e)
+                    w, commands = w0 + g * w_bytes, commands0 + g * commands_bytes
+                    if is_tracked:
+                        places = rows, z + now, nx + 2, which0 + g * which_bytes
+                        steer_lanes(seat, g * WIDTH, w, *places, commands, k)
+                    take_command(w, commands, 2 * k * WIDTH, u, e)
                     _drive(w, held, u, used[0], used[1], n, zero, constant)
             for _ in range(hold.substeps):
                 for g in range(groups):

@@ -23,6 +23,7 @@ from core.kernels.lanes import (
     subtract,
     where_greater,
 )
+from core.kernels.pilot import Pilots, memory_of, seats, steer_lanes
 from core.kernels.response import (
     LANES_IWORK,
     SAMPLES,
@@ -101,9 +102,10 @@ def _places(nx, m):
     )
 
 
-def limited_work(nx: int, m: int, n_samples: int, n_out: int) -> int:
+def limited_work(nx: int, m: int, n_samples: int, n_out: int, in_loop: Pilots) -> int:
     """Workspace of `roll_out_limited` [numbers]."""
-    return _places(nx, m).commands + (2 * n_samples + n_out) * WIDTH
+    own = 2 * n_samples + n_out + memory_of(in_loop)
+    return _places(nx, m).commands + own * WIDTH
 
 
 @jit
@@ -171,12 +173,16 @@ def _begin(w, at, plants, law, pilot, which, same_commands):
 
 
 @jit
-def _follow_commands(w, at, nx, n_samples, surfaces, steps, gust_state, which, target):
+def _follow_commands(w, at, nx, n_samples, surfaces, steps, gust_state, seat, which, target):
     """Simulate eight rollouts and write their samples; the first is the trim."""
     rates = at.commands + 2 * n_samples * WIDTH
     filled, written, begun = np.int64(1), np.int64(0), 0
+    commands = w + 8 * at.commands
     for k in range(n_samples - 1):
-        take_command(w, w + 8 * at.commands, 2 * k * WIDTH, at.u, at.e)
+        if seat.n_axes > 0:
+            places = at.rows, at.state, nx + 2, which
+            steer_lanes(seat, np.int64(0), w, *places, commands, k)
+        take_command(w, commands, 2 * k * WIDTH, at.u, at.e)
         if steps.half_fade == 0.0:
             clear(w, at.e, 2)
         for _ in range(steps.substeps):
@@ -195,10 +201,13 @@ def _follow_commands(w, at, nx, n_samples, surfaces, steps, gust_state, which, t
 
 
 @jit
-def roll_out_limited(plants, law, surfaces, pilot, steps, gusts, work, iwork, out, first, last):
+def roll_out_limited(
+    plants, law, surfaces, pilot, steps, gusts, in_loop, work, iwork, out, first, last
+):
     """Simulate rollouts first..last-1 into `out`; returns the first block that failed, or -1.
 
-    surfaces, steps, gusts: Surfaces, TimeSteps and Gusts.
+    surfaces, steps, gusts, in_loop: Surfaces, TimeSteps, Gusts and Pilots; with pilots in the loop,
+    commands are not shared.
     work: `limited_work` numbers, aligned; iwork: LIMITED_IWORK integers.
     """
     n_rollouts, nx = plants[0].shape[:2]
@@ -206,13 +215,15 @@ def roll_out_limited(plants, law, surfaces, pilot, steps, gusts, work, iwork, ou
     length = ((n_samples - 1) * steps.substeps + 1) * N_CHANNELS
     at = _places(nx, law[0].shape[0])
     w, which, target = address(work), address(iwork), address(out)
+    rates = w + 8 * (at.commands + 2 * n_samples * WIDTH)
+    seat = seats(in_loop, rates + 8 * gusts.sideslip.shape[1] * WIDTH)
     for base in range(first, last, WIDTH):
         place_lanes(which, base, n_rollouts, length)
         same_commands = base > first and pilot.shape[0] == 1
         if not _begin(w, at, plants, law, pilot, which, same_commands):
             return base
         if gusts.state >= 0:
-            rates = w + 8 * (at.commands + 2 * n_samples * WIDTH)
             gather_gusts(gusts, which, steps.step, rates)
-        _follow_commands(w, at, nx, n_samples, surfaces, steps, gusts.state, which, target)
+        about = w, at, nx, n_samples, surfaces, steps, gusts.state, seat, which, target
+        _follow_commands(*about)
     return -1

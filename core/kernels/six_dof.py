@@ -14,6 +14,8 @@ import numpy as np
 
 from core.kernels.aerodynamics import coefficients
 from core.kernels.compiled import jit
+from core.kernels.lanes import address
+from core.kernels.pilot import NOW, OUTPUT, place_of, seats, steer
 from core.types import Array
 
 ALTITUDE, SURFACES, LAW = 10, 11, 14
@@ -65,7 +67,7 @@ class Loop(NamedTuple):
     """The law K(s), see `Controller`, with its inputs from trim, and actuators.
 
     alpha_gain, pitch_gain: elevator per alpha, and per pitch rate [s].   rate, position: [rad/s],
-    [rad], infinite without limits.
+    [rad], infinite without limits.   bank: whether the law reads the bank angle.
     """
 
     a: Array
@@ -77,6 +79,7 @@ class Loop(NamedTuple):
     bandwidth: float
     rate: float
     position: float
+    bank: bool
 
 
 class Times(NamedTuple):
@@ -311,26 +314,65 @@ def _follow(loop, x, read, z, pitching, alpha, commands, left, change):
 
 
 @jit
-def roll_out(body, theta, point, trims, loop, pilot, times, gust, out, first, last):
+def rest_of(body, k, point, z, x, change):
+    """(4,) roll, pitch and yaw rate and lateral specific force in the trim x."""
+    _, _, side, _, _ = motion(body, k, point, z[2], x, 0.0, 0.0, change)
+    return np.array([x[3], x[4], x[5], side])
+
+
+@jit
+def closed_loop(body, k, point, z, rest, loop, x, gusts, commands, left, read, change):
+    """Rates of change of all states x, into `change`.
+
+    rest: of `rest_of`.   gusts: alpha and beta [rad].   commands, left: as in `_follow`.
+    read: workspace (7,), zeros.
+    """
+    alpha, beta, ay, _, _ = motion(body, k, point, z[2], x, gusts[0], gusts[1], change)
+    read[0], read[1], read[2] = beta, x[3] - rest[0], x[5] - rest[2]
+    read[3] = (ay - rest[3]) / point.gravity
+    read[4], read[5] = x[11] - z[3], x[12] - z[4]
+    if loop.bank:
+        read[6] = bank_of(x) - z[1]
+    _follow(loop, x, read, z, x[4] - rest[1], alpha, commands, left, change)
+
+
+@jit
+def outputs_of(body, k, point, thrust, x, gusts, change, out):
+    """Outputs of a state, into `out`: `N_OUTPUTS`, or without the last.   gusts: [rad]."""
+    alpha, beta, ay, az, density = motion(body, k, point, thrust, x, gusts[0], gusts[1], change)
+    _set_out(point, x, alpha, beta, ay, az, density, out)
+
+
+@jit
+def roll_out(
+    body, theta, point, trims, loop, pilot, times, gust, in_loop, memory, commands, out, first, last
+):
     """Fly aircraft first..last-1 from trim into `out` (n, n_out, N_OUTPUTS or one less).
 
     theta: (n, n_parameters).   trims: (n, N_TRIM) of `trim`.   pilot: (1 or n, n_commands, 3)
     [rad] aileron, rudder and elevator from trim.   gust: (n or 0, n_out, 2) alpha and beta [rad],
-    linear between outputs; only changes from the first count.
+    linear between outputs; only changes from the first count.   in_loop, memory: Pilots, and
+    memory for one of them.   commands: workspace (3,).
     """
     n, h, in_parts = LAW + len(loop.a), times.step / times.parts, 1.0 / times.parts
     x, stage, change, total = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     left, held, read, air = np.empty(3), np.empty(3), np.zeros(7), np.empty(4)
-    feeds_back_bank = loop.b[:, 6].any() or loop.d[:, 6].any()
+    gusts, seat, steered = np.zeros(2), seats(in_loop, address(memory)), address(commands)
     for i in range(first, last):
         z, k, row = trims[i], theta[i], i if len(pilot) > 1 else 0
         begin(point, z, x)
-        held[:], air[:] = 0.0, 0.0
-        p0, q0, r0 = x[3], x[4], x[5]
-        alpha, beta, side, az, density = motion(body, k, point, z[2], x, 0.0, 0.0, change)
-        _set_out(point, x, alpha, beta, side, az, density, out[i, 0])
+        held[:], air[:], gusts[:] = 0.0, 0.0, 0.0
+        rest = rest_of(body, k, point, z, x, change)
+        outputs_of(body, k, point, z[2], x, gusts, change, out[i, 0])
         for sample in range(1, out.shape[1]):
-            commands = pilot[row, (sample - 1) // times.substeps]
+            number = (sample - 1) // times.substeps
+            if number * times.substeps == sample - 1:
+                commands[:] = pilot[row, number]
+                for a in range(seat.n_axes):
+                    o = int(in_loop.axes[a, OUTPUT])
+                    memory[place_of(seat, 0, a) + NOW] = out[i, sample - 1, o] - out[i, 0, o]
+                if seat.n_axes > 0:
+                    steer(seat, 0, i, number, steered, 0, 1)
             for s in range(3):
                 left[s] = held[s] - commands[s]
             if len(gust):
@@ -345,17 +387,11 @@ def roll_out(body, theta, point, trims, loop, pilot, times, gust, out, first, la
                         for s in range(3):
                             left[s] *= times.half_fade
                     share = (part + 0.5 * ((step + 1) // 2)) * in_parts
-                    alpha_gust = air[0] + share * (air[2] - air[0])
-                    beta_gust = air[1] + share * (air[3] - air[1])
-                    alpha, beta, ay, _, _ = motion(
-                        body, k, point, z[2], stage, alpha_gust, beta_gust, change
+                    for g in range(2):
+                        gusts[g] = air[g] + share * (air[2 + g] - air[g])
+                    closed_loop(
+                        body, k, point, z, rest, loop, stage, gusts, commands, left, read, change
                     )
-                    read[0], read[1], read[2] = beta, stage[3] - p0, stage[5] - r0
-                    read[3] = (ay - side) / point.gravity
-                    read[4], read[5] = stage[11] - z[3], stage[12] - z[4]
-                    if feeds_back_bank:
-                        read[6] = bank_of(stage) - z[1]
-                    _follow(loop, stage, read, z, stage[4] - q0, alpha, commands, left, change)
                     weight = 2.0 if step == 1 or step == 2 else 1.0
                     ahead = 0.5 * h if step < 2 else h
                     for j in range(n):
@@ -368,5 +404,4 @@ def roll_out(body, theta, point, trims, loop, pilot, times, gust, out, first, la
                 x[j] *= length
             for s in range(3):
                 held[s] = commands[s] + left[s]
-            alpha, beta, ay, az, density = motion(body, k, point, z[2], x, air[2], air[3], change)
-            _set_out(point, x, alpha, beta, ay, az, density, out[i, sample])
+            outputs_of(body, k, point, z[2], x, air[2:], change, out[i, sample])

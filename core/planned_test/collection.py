@@ -171,6 +171,11 @@ def card_of(test: SimulatedTest, n_plants: int = CARD_PLANTS) -> Card:
             "step responses: choose the predictor peak_ridge"
         )
     simulator, rng = recipe.simulator(), stream(recipe.seed, Branch.CARD)
+    if simulator.crew is not None:
+        raise CardError(
+            "a pilot in the loop adds to the planned steps, so their responses are not the "
+            "aircraft's alone: choose the predictor peak_ridge"
+        )
     times, steps = np.array(switches).T
     n_lags = maneuver.n_samples(recipe.dt) - round(times[0] / recipe.dt)
     factor = 1.0 + maneuver.amplitude_jitter * rng.standard_normal(n_plants)

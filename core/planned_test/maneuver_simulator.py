@@ -10,9 +10,11 @@ import numpy as np
 
 from core.channels import Dictionary
 from core.computed import complete
+from core.kernels.pilot import NOBODY, Pilots
 from core.limits.limits import Envelope
 from core.simulation.imperfections import Imperfections, channel_array, from_trim, seed_of
 from core.simulation.maneuver import Maneuver
+from core.simulation.pilot import Crew, Pilot
 from core.simulation.simulator import Parameters, Rollouts, Stopped
 from core.simulation.turbulence import LateralGust
 from core.types import Array, Indices
@@ -40,6 +42,9 @@ class PlannedManeuver(Protocol):
 
     @property
     def maneuver(self) -> Maneuver: ...
+
+    @property
+    def pilot(self) -> Pilot: ...
 
     @property
     def imperfections(self) -> Imperfections: ...
@@ -94,17 +99,20 @@ def check_observations(test: PlannedManeuver) -> None:
 
 class Drawn(NamedTuple):
     """The random part of flights: theta (n, n_parameters), commands (1 or n, n_samples,
-    n_surfaces) with the run-up, samples at rest (n,), gusts (n, n_steps) each."""
+    n_surfaces) with the run-up, samples at rest (n,), gusts (n, n_steps) each, pilots in the loop,
+    whose `gave_up` is written by the flights."""
 
     theta: Array
     commands: Array
     rest: Indices
     gusts: tuple[Array, ...]
+    in_loop: Pilots = NOBODY
 
     def some(self, which: Indices | slice) -> "Drawn":
         commands = self.commands if len(self.commands) == 1 else self.commands[which]
         gusts = tuple(gust[which] for gust in self.gusts)
-        return Drawn(self.theta[which], commands, self.rest[which], gusts)
+        pilots = self.in_loop.some(which)
+        return Drawn(self.theta[which], commands, self.rest[which], gusts, pilots)
 
 
 class ManeuverSimulator(ABC):
@@ -113,6 +121,7 @@ class ManeuverSimulator(ABC):
     dictionary: Dictionary
     gust: LateralGust | None
     n_gusts = 1
+    crew: Crew | None = None
 
     @property
     @abstractmethod
@@ -252,13 +261,20 @@ class ManeuverSimulator(ABC):
         """Add imperfections to these flights."""
         test, n = self.test, len(theta)
         if test.imperfections.are_none:
-            return Drawn(theta, pilot, np.zeros(n, np.int64), ())
+            in_loop = self._pilots(n, pilot.shape[1], rng)
+            return Drawn(theta, pilot, np.zeros(n, np.int64), (), in_loop)
         commands, rest = self._inexact(pilot, n, rng)
         n_steps, step = (commands.shape[1] - 1) * test.substeps + 1, test.dt / test.substeps
         gusts = (
             test.imperfections.gusts(self.gust, n, n_steps, step, rng) for _ in range(self.n_gusts)
         )
-        return Drawn(theta, commands, rest, tuple(gust for gust in gusts if gust is not None))
+        blowing = tuple(gust for gust in gusts if gust is not None)
+        return Drawn(theta, commands, rest, blowing, self._pilots(n, commands.shape[1], rng))
+
+    def _pilots(self, n: int, n_samples: int, rng: np.random.Generator) -> Pilots:
+        if self.crew is None:
+            return NOBODY
+        return self.crew.draw(n, n_samples, self.dt, self.test.noise, rng)
 
     def _inexact(self, pilot: Array, n: int, rng: np.random.Generator) -> tuple[Array, Indices]:
         """Commands as n pilots fly them, with a run-up before; and samples at rest."""
@@ -266,11 +282,16 @@ class ManeuverSimulator(ABC):
         return self.test.imperfections.fly(pilot, n, self.dt, lead_in, rng)
 
     def _first_exceedance(self, y: Array, drawn: Drawn) -> Indices:
-        """(n,) first sample that exceeds a limit, n_samples for none. Subtracts trim from y."""
+        """(n,) first sample that exceeds a limit, or at which the pilot gives up if that labels
+        flights; n_samples for none. Subtracts trim from y."""
         test, every = self.test, self.test.substeps
+        n_samples = test.maneuver.n_samples(test.dt)
         if not test.imperfections.are_none:
             start = test.imperfections.run_up(test.dt) * every
             y = from_trim(y, start, every, drawn.rest, self.dictionary)
+        if test.pilot.label:
+            gave_up = drawn.in_loop.gave_up - test.imperfections.run_up(test.dt)
+            return np.clip(gave_up, 0, n_samples)
         whole = complete(self.dictionary, y, test.dt / every)
         first = -(-self.limits.first_exceedance(whole) // every)
-        return np.minimum(first, test.maneuver.n_samples(test.dt))
+        return np.minimum(first, n_samples)

@@ -11,7 +11,7 @@ from core.bounds import NOT_NEGATIVE, Bounds, check_bounds
 from core.channels import SIX_DOF
 from core.computed import complete
 from core.limits.flight_limits import QBAR, LoadLimits
-from core.limits.limits import Envelope, IntervalLimits
+from core.limits.limits import Envelope, Specification
 from core.monitor.group import GROUPINGS, Grouping
 from core.planned_test.maneuver_simulator import (
     Drawn,
@@ -28,20 +28,37 @@ from core.planned_test.planned_test import (
     USUAL_SOFTNESS_S,
     SensorNoise,
 )
-from core.recipe import to_plain
+from core.recipe import later, to_plain
 from core.simulation.control_law import Actuator, ControlLaw, RateDamper, check_usable
 from core.simulation.imperfections import (
     USUAL_IMPERFECTIONS,
     Imperfections,
     counts_from_trim,
 )
-from core.simulation.maneuver import ALL_SURFACES, MANEUVERS, Maneuver
-from core.simulation.nonlinear import PitchLaw, TrimCondition, fly, linear_lateral
+from core.simulation.maneuver import (
+    ALL_SURFACES,
+    COLUMN,
+    MANEUVERS,
+    MOVED_BY,
+    Axis,
+    Maneuver,
+)
+from core.simulation.nonlinear import (
+    PitchLaw,
+    TrimCondition,
+    fly,
+    linear_lateral,
+    linear_loop,
+    loop_of,
+)
 from core.simulation.nonlinear_aircraft import NONLINEAR_AIRCRAFT, NonlinearAircraft
+from core.simulation.pilot import CHANNEL_OF, OpenLoop, Pilot, Sight
 from core.simulation.simulator import Parameters
 from core.types import Array
 
 NotNegative = Annotated[float, NOT_NEGATIVE]
+SIGHTS: dict[Axis, Sight] = {axis: Sight(SIX_DOF.index(key)) for axis, key in CHANNEL_OF.items()}
+"""What a pilot sees of a nonlinear aircraft."""
 F16_ACTUATOR = Actuator(20.2, rate_limit_deg_s=60.0, position_limit_deg=25.0)
 """Of the F-16's elevator (Stevens, Lewis and Johnson, Aircraft Control and Simulation, 3rd ed.,
 appendix A), here of all surfaces."""
@@ -122,12 +139,14 @@ class NonlinearTest:
     """budget of rollouts: a collection that would exceed it stops early."""
     max_safe: Annotated[int, Bounds(least=1)] = 10_000
     """safe rollouts kept: the first ones; further ones are only counted."""
+    pilot: Pilot = later(OpenLoop())  # noqa: RUF009
 
     for_more: ClassVar[str] = "raise the amplitude, lower the limit"
     for_fewer: ClassVar[str] = "lower the amplitude, raise the limit"
 
     def __post_init__(self) -> None:
         check_bounds(self)
+        self.pilot.check(self.maneuver, SIGHTS)
         check_steps(self)
         check_observations(self)
 
@@ -138,8 +157,8 @@ class NonlinearTest:
         return to_plain(self)
 
     @cached_property
-    def judged_by(self) -> IntervalLimits:
-        return self.simulator().specification
+    def judged_by(self) -> Specification:
+        return self.pilot.label or self.simulator().specification
 
     @property
     def n_steps(self) -> int:
@@ -182,6 +201,7 @@ class NonlinearSimulator(ManeuverSimulator):
         duration = planned.maneuver.duration_s
         check_usable(plant, self.controller, planned.control_law.actuator, duration)
         self.specification = planned.specification.of_trim(self._trim_values())
+        self.crew = planned.pilot.crew(planned.maneuver, SIGHTS, self._respond)
 
     def _trim_values(self) -> dict[str, float]:
         """Outputs of the nominal aircraft in trim, by channel; from trim where they count so."""
@@ -189,6 +209,19 @@ class NonlinearSimulator(ManeuverSimulator):
         still = Drawn(nominal, np.zeros((1, 1, ALL_SURFACES)), np.zeros(1, np.int64), ())
         values = complete(self.dictionary, self.outputs(still), self.dt)[0, 0]
         return dict(zip(self.dictionary.keys, values.tolist(), strict=True))
+
+    @cached_property
+    def _linear(self) -> tuple[Array, Array, Array]:
+        planned = self.planned
+        loop = loop_of(self.controller, planned.control_law.actuator, planned.pitch_law)
+        return linear_loop(planned.aircraft, self.point, loop)
+
+    def _respond(self, axis: Axis, s: complex) -> complex:
+        """Angle of an axis per command of its surface, of the nominal aircraft."""
+        a, b, c = self._linear
+        moved = np.linalg.solve(s * np.eye(len(a)) - a, b[:, COLUMN[MOVED_BY[axis]]])
+        seen = c[SIGHTS[axis].output] @ moved
+        return complex(seen / (1.0 + self.planned.maneuver.pedal_lag_s * s))
 
     @property
     def test(self) -> NonlinearTest:
@@ -221,6 +254,7 @@ class NonlinearSimulator(ManeuverSimulator):
             pedal_lag_s=planned.maneuver.pedal_lag_s,
             substeps=planned.substeps,
             gust=np.stack(drawn.gusts, axis=-1) if drawn.gusts else None,
+            in_loop=drawn.in_loop,
             n_outputs=len(self.dictionary.measured),
         )
         y -= np.where(counts_from_trim(self.dictionary), y[:, :1], 0.0)

@@ -8,7 +8,7 @@ import numpy as np
 
 from core.bounds import Bounds, check_bounds
 from core.channels import KEYS, LATERAL, Dictionary
-from core.limits.limits import Envelope, Limits
+from core.limits.limits import Envelope, Limits, Specification
 from core.monitor.group import GROUPINGS, Grouping
 from core.planned_test.maneuver_simulator import (
     Drawn,
@@ -18,15 +18,31 @@ from core.planned_test.maneuver_simulator import (
     check_steps,
     n_steps,
 )
-from core.recipe import to_plain
+from core.recipe import later, to_plain
 from core.simulation.aircraft import AIRCRAFT, Aircraft
-from core.simulation.control_law import CONTROL_LAWS, ControlLaw, check_usable
+from core.simulation.control_law import (
+    CONTROL_LAWS,
+    FEEDBACK,
+    PHI_STATE,
+    ControlLaw,
+    check_usable,
+    closed_loop,
+    measured_rows,
+)
 from core.simulation.imperfections import (
     USUAL_IMPERFECTIONS,
     ByChannel,
     Imperfections,
 )
-from core.simulation.maneuver import LATERAL_SURFACES, MANEUVERS, Maneuver
+from core.simulation.maneuver import (
+    COLUMN,
+    LATERAL_SURFACES,
+    MANEUVERS,
+    MOVED_BY,
+    Axis,
+    Maneuver,
+)
+from core.simulation.pilot import OpenLoop, Pilot, Sight
 from core.simulation.rollout import roll_out, sideslip_state
 from core.simulation.simulator import Parameters
 from core.types import Array
@@ -64,6 +80,11 @@ USUAL_NOISE = SensorNoise(
     delta_r=radians(0.02),
 )
 """Noise of a flight-test vane, rate gyros, accelerometer and position transducers."""
+SIGHTS: dict[Axis, Sight] = {
+    "bank": Sight(FEEDBACK.index("phi")),
+    "sideslip": Sight(FEEDBACK.index("beta")),
+}
+"""What a pilot sees of a linear aircraft; its bank angle is the integral of p where it has none."""
 USUAL_SOFTNESS_S = 0.5
 """No two pilots move the pedals alike: with their lag of 0.1 s, 0.1 to 0.6 s."""
 
@@ -101,6 +122,7 @@ class DatasetRecipe:
     """budget of rollouts: a collection that would exceed it stops early."""
     max_safe: Annotated[int, Bounds(least=1)] = 50_000
     """safe rollouts kept: the first ones; further ones are only counted."""
+    pilot: Pilot = later(OpenLoop())  # noqa: RUF009
 
     for_more: ClassVar[str] = "raise the amplitude, lower the limit"
     for_fewer: ClassVar[str] = "lower the amplitude, raise the limit"
@@ -117,6 +139,7 @@ class DatasetRecipe:
                 f"dt={self.dt} s was given: it must be positive and shorter than the manoeuvre's "
                 f"{self.maneuver.duration_s:g} s"
             )
+        self.pilot.check(self.maneuver, SIGHTS)
         check_steps(self)
         check_bounds(self)
         check_observations(self)
@@ -128,9 +151,9 @@ class DatasetRecipe:
         return to_plain(self)
 
     @property
-    def judged_by(self) -> Limits:
+    def judged_by(self) -> Specification:
         """What judges its flights."""
-        return self.specification
+        return self.pilot.label or self.specification
 
     @property
     def most_at_once(self) -> int:
@@ -188,6 +211,19 @@ class LateralSimulator(ManeuverSimulator):
         self.gust = recipe.imperfections.gust(condition.altitude, condition.airspeed)
         if self.gust is not None:
             sideslip_state(self.plant.nominal_plant())
+        has_bank = len(self.plant.states) > PHI_STATE
+        rolls: dict[Axis, Sight] = {"bank": Sight(FEEDBACK.index("p"), is_rate=True)}
+        self.sights = SIGHTS if has_bank else SIGHTS | rolls
+        self.crew = recipe.pilot.crew(recipe.maneuver, self.sights, self._respond)
+
+    def _respond(self, axis: Axis, s: complex) -> complex:
+        """Angle of an axis per command of its surface, of the nominal aircraft."""
+        nominal, recipe, sight = self.plant.nominal_plant(), self.recipe, self.sights[axis]
+        loop, drive = closed_loop(nominal, self.controller, recipe.control_law.actuator)
+        moved = np.linalg.solve(s * np.eye(len(loop)) - loop, drive[:, COLUMN[MOVED_BY[axis]]])
+        row = measured_rows(nominal)[sight.output]
+        seen = row @ moved[: len(row)] / (1.0 + recipe.maneuver.pedal_lag_s * s)
+        return complex(seen / s if sight.is_rate else seen)
 
     @property
     def test(self) -> DatasetRecipe:
@@ -218,6 +254,7 @@ class LateralSimulator(ManeuverSimulator):
             pedal_lag_s=recipe.maneuver.pedal_lag_s,
             substeps=recipe.substeps,
             gust=drawn.gusts[0] if drawn.gusts else None,
+            in_loop=drawn.in_loop,
         )
 
 

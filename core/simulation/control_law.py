@@ -316,17 +316,25 @@ def _realise(system: Any) -> tuple[Array, Array, Array, Array]:
     return a, b, np.concatenate([np.zeros((n_out, 0)), *rows], axis=1), d
 
 
+def measured_rows(plant: Plants) -> Array:
+    """(7, nx + 2) FEEDBACK of one plant by its states, delta_a and delta_r."""
+    (a,), _, (c,), (d,) = plant
+    nx = len(a)
+    measured = np.zeros((len(FEEDBACK), nx + 2))
+    measured[:4] = np.hstack([c[:4], d[:4]])
+    measured[4:6, nx:] = np.eye(2)
+    measured[6, PHI_STATE : PHI_STATE + 1] = float(nx > PHI_STATE)
+    return measured
+
+
 def closed_loop(plant: Plants, controller: Controller, actuator: Actuator) -> tuple[Array, Array]:
     """F (n, n) and G (n, 2) of z_dot = F z + G pilot for one plant, without lag and limits.
 
     z = (plant states, delta_a, delta_r, controller states).
     """
-    (a,), (b,), (c,), (d,) = plant
+    (a,), (b,), _, _ = plant
     nx, m = len(a), len(controller.a)
-    measured = np.zeros((len(FEEDBACK), nx + 2))
-    measured[:4] = np.hstack([c[:4], d[:4]])
-    measured[4:6, nx:] = np.eye(2)
-    measured[6, PHI_STATE : PHI_STATE + 1] = float(nx > PHI_STATE)
+    measured = measured_rows(plant)
     surfaces = -np.hstack([controller.d @ measured, controller.c])
     surfaces[:, nx : nx + 2] -= np.eye(2)
     loop = np.vstack(

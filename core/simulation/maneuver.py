@@ -19,8 +19,17 @@ Surface = Literal["aileron", "rudder", "elevator"]
 Spacing = Literal["log", "linear"]
 Interpolation = Literal["hold", "linear"]
 
+Axis = Literal["bank", "sideslip", "pitch", "alpha"]
+
 COLUMN: dict[Surface, int] = {"aileron": 0, "rudder": 1, "elevator": 2}
 """Column of a surface's command in (delta_a, delta_r, delta_e)."""
+MOVED_BY: dict[Axis, Surface] = {
+    "bank": "aileron",
+    "sideslip": "rudder",
+    "pitch": "elevator",
+    "alpha": "elevator",
+}
+"""The surface with which a pilot tracks an axis."""
 LATERAL_SURFACES, ALL_SURFACES = 2, 3
 TIME_GUARD = 1e-9
 """[s] An input due at t_k starts at sample k, despite rounding of t_k."""
@@ -86,6 +95,11 @@ class Maneuver(ABC):
     def n_surfaces(self) -> int:
         """Columns of commands: aileron and rudder, and the elevator if it moves."""
         return LATERAL_SURFACES
+
+    @property
+    def captured(self) -> Axis | None:
+        """The axis whose targets the commands of its surface are; None: all are commands."""
+        return None
 
     @abstractmethod
     def with_peak(self, peak_deg: float) -> Self:
@@ -266,6 +280,51 @@ class BankToBank(Steps):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Capture(Maneuver):
+    """Capture a target from trim, hold it, then capture another one: a pilot flies it.
+
+    Targets are commands of the axis's surface, which a pilot in the loop reads as targets.
+    """
+
+    axis: Axis = "bank"
+    """captured axis: with its surface; bank by the aileron, sideslip by the rudder, pitch angle or
+    angle of attack by the elevator."""
+    amplitude_deg: float = 30.0
+    """target: change from trim, either sign [deg]."""
+    hold_s: float = 3.0
+    """time to the next target: capturing and holding the first [s]."""
+    then_deg: float = 0.0
+    """next target: change from trim; 0 for back to trim [deg]."""
+
+    @property
+    def captured(self) -> Axis | None:
+        return self.axis
+
+    @property
+    def segments_s(self) -> tuple[float, ...]:
+        return (self.hold_s,)
+
+    @property
+    def peak_deg(self) -> float:
+        return self.amplitude_deg
+
+    @property
+    def n_surfaces(self) -> int:
+        return ALL_SURFACES if MOVED_BY[self.axis] == "elevator" else LATERAL_SURFACES
+
+    def with_peak(self, peak_deg: float) -> Self:
+        factor = peak_deg / self.amplitude_deg if self.amplitude_deg else 0.0
+        return replace(self, amplitude_deg=peak_deg, then_deg=factor * self.then_deg)
+
+    def commands(self, elapsed: Array, segments: Array) -> Array:
+        first, both = elapsed >= -TIME_GUARD, elapsed >= segments[:, :1] - TIME_GUARD
+        target = np.where(both, self.then_deg, np.where(first, self.amplitude_deg, 0.0))
+        commands = np.zeros((*target.shape, self.n_surfaces))
+        commands[..., COLUMN[MOVED_BY[self.axis]]] = target
+        return commands
+
+
+@dataclass(frozen=True, kw_only=True)
 class FrequencySweep(OneSurface):
     """A sine with a frequency that changes logarithmically or linearly in time.
 
@@ -395,6 +454,10 @@ class Altered(Maneuver):
     @property
     def segments_s(self) -> tuple[float, ...]:
         return self.planned.segments_s
+
+    @property
+    def captured(self) -> Axis | None:
+        return self.planned.captured
 
     @property
     def peak_deg(self) -> float:
@@ -551,6 +614,9 @@ MANEUVERS = family(
         "push_over_pull_up": PushOverPullUp(),
         "rolling_pull_out": RollingPullOut(),
         "steady_heading_sideslip": SteadyHeadingSideslip(),
+        "bank_capture": Capture(),
+        "sideslip_capture": Capture(axis="sideslip", amplitude_deg=3.0),
+        "pitch_capture": Capture(axis="pitch", amplitude_deg=5.0),
     },
 )
 LATERAL_MANEUVERS = {

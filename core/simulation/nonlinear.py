@@ -13,6 +13,7 @@ import numpy as np
 from core.bounds import Bounds, check_bounds
 from core.kernels.aerodynamics import RANGES
 from core.kernels.compiled import in_chunks
+from core.kernels.pilot import NOBODY, Pilots, memory_of
 from core.kernels.six_dof import (
     LAW,
     N_TRIM,
@@ -21,7 +22,10 @@ from core.kernels.six_dof import (
     Times,
     bank_of,
     begin,
+    closed_loop,
     motion,
+    outputs_of,
+    rest_of,
     roll_out,
     trim,
 )
@@ -208,6 +212,42 @@ class PitchLaw:
     """gain of the pitch rate: elevator per pitch rate [s]."""
 
 
+def loop_of(controller: Controller, actuator: Actuator, pitch_law: PitchLaw) -> Loop:
+    limits = actuator.rate_limit_deg_s, actuator.position_limit_deg
+    rate, position = (inf if limit is None else radians(limit) for limit in limits)
+    a, b, c, d = (np.ascontiguousarray(each, dtype=np.float64) for each in controller)
+    gains = pitch_law.k_alpha, pitch_law.k_q
+    reads_bank = bool(b[:, 6].any() or d[:, 6].any())
+    return Loop(a, b, c, d, *gains, actuator.bandwidth_rad_s, rate, position, reads_bank)
+
+
+def linear_loop(
+    aircraft: NonlinearAircraft, point: FlightPoint, loop: Loop
+) -> tuple[Array, Array, Array]:
+    """A (n, n), B (n, 3) and C (13, n) of the nominal aircraft at trim, in closed loop.
+
+    States as in `six_dof`, inputs the pilot's aileron, rudder and elevator. Central differences.
+    """
+    z = trimmed(aircraft, point, aircraft.nominal[np.newaxis])[0]
+    body, k, n = aircraft.body, np.ascontiguousarray(aircraft.nominal), LAW + len(loop.a)
+    x0, change, still = np.empty(n), np.zeros(n), np.zeros(3)
+    begin(point, z, x0)
+    rest = rest_of(body, k, point, z, x0, change)
+
+    def rates(x: Array, commands: Array) -> Array:
+        out, read = np.zeros(n + 13), np.zeros(7)
+        outputs_of(body, k, point, z[2], x, still, change, out[n:])
+        about = body, k, point, z, rest, loop
+        closed_loop(*about, x, still, commands, still, read, out[:n])
+        return out
+
+    jacobian = np.empty((n + 13, n + 3))
+    for column, step in enumerate(SMALL * np.eye(n + 3)):
+        up, down = (rates(x0 + s * step[:n], s * step[n:]) for s in (1.0, -1.0))
+        jacobian[:, column] = (up - down) / (2 * SMALL)
+    return jacobian[:n, :n], jacobian[:n, n:], jacobian[n:, :n]
+
+
 def fly(
     aircraft: NonlinearAircraft,
     point: FlightPoint,
@@ -221,29 +261,30 @@ def fly(
     pedal_lag_s: float = 0.0,
     substeps: int = 1,
     gust: Array | None = None,
+    in_loop: Pilots = NOBODY,
     n_outputs: int = 13,
 ) -> tuple[Array, Array]:
     """Trim and fly aircraft theta (n, n_parameters).
 
     pilot: (1 or n, n_samples, 3) [rad] aileron, rudder and elevator from trim, each held for dt.
-    gust: (n, n_out, 2) alpha and beta of the air [rad].   n_outputs: 13 or 14, see
-    `six_dof.N_OUTPUTS`.
+    gust: (n, n_out, 2) alpha and beta of the air [rad].   in_loop: who changes the commands by the
+    outputs from trim; its `gave_up` is written.   n_outputs: 13 or 14, see `six_dof.N_OUTPUTS`.
     Returns outputs (n, (n_samples - 1) substeps + 1, n_outputs), and trim, see `trimmed`.
     """
     theta, pilot = np.ascontiguousarray(theta), np.ascontiguousarray(pilot)
-    limits = actuator.rate_limit_deg_s, actuator.position_limit_deg
-    rate, position = (inf if limit is None else radians(limit) for limit in limits)
-    trims = trimmed(aircraft, point, theta, position)
+    loop = loop_of(controller, actuator, pitch_law)
+    trims = trimmed(aircraft, point, theta, loop.position)
     law_poles = np.abs(np.linalg.eigvals(controller.a)) if len(controller.a) else np.zeros(1)
     step, longest = dt / substeps, 0.5 / max(actuator.bandwidth_rad_s, law_poles.max())
     parts = ceil(step / min(LONGEST_STEP, longest) - 1e-9)
     half_fade = exp(-0.5 * step / parts / pedal_lag_s) if pedal_lag_s > 0.0 else 0.0
-    a, b, c, d = (np.ascontiguousarray(each, dtype=np.float64) for each in controller)
-    bandwidth = actuator.bandwidth_rad_s
-    loop = Loop(a, b, c, d, pitch_law.k_alpha, pitch_law.k_q, bandwidth, rate, position)
     times = Times(step, substeps, parts, half_fade)
     gust = NO_GUSTS if gust is None else np.ascontiguousarray(gust)
     out = np.empty((len(theta), (pilot.shape[1] - 1) * substeps + 1, n_outputs))
-    about = aircraft.body, theta, point, trims, loop, pilot, times, gust, out
-    in_chunks(len(theta), CHUNK, lambda first, last: roll_out(*about, first, last))
+    about = aircraft.body, theta, point, trims, loop, pilot, times, gust, in_loop
+
+    def simulate(first: int, last: int) -> None:
+        roll_out(*about, np.empty(memory_of(in_loop)), np.empty(3), out, first, last)
+
+    in_chunks(len(theta), CHUNK, simulate)
     return out, trims

@@ -8,6 +8,7 @@ import numpy as np
 from core.channels import N_CHANNELS
 from core.kernels.compiled import in_chunks
 from core.kernels.lanes import WIDTH, aligned
+from core.kernels.pilot import NOBODY, Pilots
 from core.kernels.response import (
     GROUPS,
     LINEAR_IWORK,
@@ -46,6 +47,7 @@ def roll_out(
     pedal_lag_s: float = 0.0,
     substeps: int = 1,
     gust: Array | None = None,
+    in_loop: Pilots = NOBODY,
     out: Array | None = None,
 ) -> Array:
     """Simulate every plant in closed loop from trim; exact if surfaces have no limits.
@@ -56,6 +58,7 @@ def roll_out(
     gust: (n, (n_samples - 1) substeps + 1) sideslip [rad] added by the air at each output sample,
         linear in between; it acts on the aircraft and on the vane. Only changes from the first
         sample on count: the aircraft is in trim with that one.
+    in_loop: who changes the commands by the outputs FEEDBACK; its `gave_up` is written.
     Returns y (n, (n_samples - 1) substeps + 1, 6) in the order of core.channels; sample k is
     y(t_k), before command k has acted. An unstable rollout may grow to inf and NaN; non-finite
     samples exceed every limit. A rollout depends, bit for bit, only on its own plant and commands.
@@ -68,16 +71,20 @@ def roll_out(
     plants = Plants(*(np.ascontiguousarray(matrix, dtype=np.float64) for matrix in plants))
     law = tuple(np.ascontiguousarray(matrix, dtype=np.float64) for matrix in controller)
     m, step = len(controller.a), dt / substeps
+    if len(in_loop.axes):
+        pilot = np.ascontiguousarray(np.broadcast_to(pilot, (n, *pilot.shape[1:])))
     gusts = NO_GUSTS if gust is None else _gusts(plants, gust, (n, n_out))
     if actuator.rate_limit_deg_s is None and actuator.position_limit_deg is None:
         series, decays = input_series(step, pedal_lag_s)
         hold = Hold(step, substeps, series, decays)
-        kernel = partial(roll_out_linear, plants, law, actuator.bandwidth_rad_s, pilot, hold, gusts)
-        work, iwork = linear_work(n_states, m, pilot.shape[1], n_out), LINEAR_IWORK
+        about = actuator.bandwidth_rad_s, pilot, hold, gusts, in_loop
+        kernel = partial(roll_out_linear, plants, law, *about)
+        work, iwork = linear_work(n_states, m, pilot.shape[1], n_out, in_loop), LINEAR_IWORK
     else:
         steps = _runge_kutta(step, actuator, controller, pedal_lag_s, substeps)
-        kernel = partial(roll_out_limited, plants, law, _surfaces(actuator), pilot, steps, gusts)
-        work, iwork = limited_work(n_states, m, pilot.shape[1], n_out), LIMITED_IWORK
+        about = _surfaces(actuator), pilot, steps, gusts, in_loop
+        kernel = partial(roll_out_limited, plants, law, *about)
+        work, iwork = limited_work(n_states, m, pilot.shape[1], n_out, in_loop), LIMITED_IWORK
 
     def simulate(start: int, stop: int) -> None:
         failed = kernel(aligned(work), np.empty(iwork, np.int64), out, start, stop)

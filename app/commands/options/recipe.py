@@ -46,11 +46,13 @@ from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.imperfections import Imperfections
 from core.simulation.maneuver import MANEUVERS
 from core.simulation.nonlinear_aircraft import NONLINEAR_AIRCRAFT
+from core.simulation.pilot import PILOTS, Crossover
 
 MOST_DELAY = 10
 """Most past outputs in an observation, however short the interval."""
 IMPERFECTIONS = "dataset.imperfections"
 NAMES = tuple(field.name for field in fields(Imperfections))
+PILOT_NAMES = tuple(field.name for field in fields(Crossover))
 ANGULAR = tuple(key for key in KEYS if key != "Ny")
 
 
@@ -123,6 +125,13 @@ def add_recipe_options(
     )
     option(
         group,
+        "--pilot NAME",
+        f"{', '.join(PILOTS)}: who flies it; by default crossover for captures. Set parameters "
+        f"with --set dataset.pilot.NAME=VALUE; names: {', '.join(PILOT_NAMES)}",
+        choices=tuple(PILOTS),
+    )
+    option(
+        group,
         "--limit CHANNEL=VALUE",
         "limit, such as Ny=0.5g or beta=7deg, instead of the default",
         action="append",
@@ -191,6 +200,8 @@ def plain_recipe(options: argparse.Namespace) -> dict[str, Any]:
             set_path(plain, f"dataset.maneuver.{key}", value)
     elif options.maneuver is not None:
         set_path(plain, "dataset.maneuver.kind", options.maneuver)
+    if options.pilot is not None:
+        set_path(plain, "dataset.pilot.kind", options.pilot)
     if options.limit and isinstance(default_test(plain["dataset"]), NonlinearTest):
         set_path(plain, f"dataset.{STORED_LIMITS}", flight_limits(options.limit))
     elif options.limit:

@@ -11,14 +11,22 @@ from app.flights.sources.playback import AssessedTrack
 from app.flights.sources.simulated import simulate
 from app.store.campaigns import StoredCampaign
 from core.monitor import Monitor
+from core.monitor.validity.flown_input import InputSupport
 from core.planned_test.collection import DatasetRecipe
-from core.simulation.maneuver import BankToBank, FrequencySweep, Maneuver, Multistep3211
+from core.simulation.maneuver import (
+    BankToBank,
+    Capture,
+    FrequencySweep,
+    Maneuver,
+    Multistep3211,
+)
+from core.simulation.pilot import usual_pilot
 from tests.app.flights.test_flights import RECIPE, monitor
 from tests.support.flying import EPSILON, exact_monitor
 
 
 def of_manoeuvre(maneuver: Maneuver) -> Monitor:
-    recipe = DatasetRecipe(maneuver=maneuver, dt=RECIPE.dt)
+    recipe = DatasetRecipe(maneuver=maneuver, pilot=usual_pilot(maneuver), dt=RECIPE.dt)
     return replace(monitor(), dataset_recipe=recipe.to_plain())
 
 
@@ -46,6 +54,19 @@ def test_a_sweep_has_an_input_and_no_step_but_its_beginning() -> None:
     card = planned_card(of_manoeuvre(FrequencySweep()))
     assert card.steps == [0.0]
     assert len(card.inputs[0].t) > 50
+
+
+def test_a_capture_shows_its_targets_and_has_the_usual_movements_of_its_surfaces() -> None:
+    none = np.empty((0, 1, 3))
+    usual = InputSupport(np.array([4]), np.array([0.1]), none, none)
+    captures = of_manoeuvre(Capture(amplitude_deg=25.0, then_deg=-10.0))
+    captures = replace(captures, inputs=usual)
+    card = planned_card(captures)
+    assert (card.inputs, card.steps) == ([], [])
+    assert all(number in card.why for number in ("bank", "25", "-10"))
+    planned = planned_test(captures)
+    assert planned.amplitudes.tolist() == [0.1, 0.0]
+    assert planned.duration == Capture().duration_s
 
 
 def test_a_monitor_without_a_recipe_gives_its_reason_in_place_of_the_input() -> None:

@@ -10,6 +10,7 @@ from core.evaluation.lead_sweep import METHODS, TESTS
 from core.evaluation.rates import Evaluation
 from core.evaluation.robustness import (
     DIFFERENCES,
+    _flown,
     _other_types,
     by_aircraft,
     fly_some,
@@ -25,10 +26,13 @@ from core.planned_test.collection import (
     training_rollouts,
 )
 from core.planned_test.near import near_aircraft, near_failures, near_rollouts, softer
+from core.planned_test.nonlinear_test import NonlinearTest
 from core.planned_test.planned_test import LateralSimulator, SensorNoise
 from core.seeds import Branch
 from core.simulation.aircraft import AIRCRAFT, IdentifiedAircraft
 from core.simulation.imperfections import USUAL_IMPERFECTIONS, Imperfections
+from core.simulation.maneuver import MANEUVERS
+from core.simulation.pilot import Crossover
 from core.simulation.published import MODELS
 
 RECIPE = DatasetRecipe(n_unsafe=30, noise=SensorNoise(beta=0.001, Ny=0.004), seed=4)
@@ -177,6 +181,30 @@ def test_an_opposite_input_is_invalid_and_not_silent() -> None:
     assert by_aircraft(opposite) == {}
     assert 1 <= by_aircraft(evaluations["other_type"])["n_aircraft"] <= 6
     assert evaluations["doubled_noise"].withdrawn[0] < 0.2 * evaluations["doubled_noise"].n_unsafe
+
+
+@pytest.mark.parametrize("test", [RECIPE, NonlinearTest(maneuver=MANEUVERS["rudder_doublet"])])
+def test_another_pilot_flies_in_the_loop(test: DatasetRecipe | NonlinearTest) -> None:
+    for name, gain, delay in (
+        ("pilot_high_gain", 1.5, 0.0),
+        ("pilot_low_gain", 2 / 3, 0.0),
+        ("pilot_delay", 1.0, 0.1),
+    ):
+        change = DIFFERENCES[name].pilot
+        assert change is not None
+        for planned in (Crossover(), Crossover(axis="bank", crossover_rad_s=1.0)):
+            pilot = change(replace(test, pilot=planned)).pilot
+            assert isinstance(pilot, Crossover)
+            assert pilot.crossover_rad_s == pytest.approx(gain * planned.crossover_rad_s)
+            assert pilot.delay_s == pytest.approx(planned.delay_s + delay)
+        assert change(test) == change(replace(test, pilot=Crossover()))
+
+
+def test_pilots_leave_no_row_where_the_manoeuvre_moves_their_surface() -> None:
+    rng, difference = np.random.default_rng(0), DIFFERENCES["pilot_delay"]
+    assert _flown(RECIPE, difference, 20, rng) is not None
+    aileron = replace(RECIPE, maneuver=MANEUVERS["aileron_doublet"])
+    assert _flown(aileron, difference, 20, rng) is None
 
 
 @pytest.mark.fuzz

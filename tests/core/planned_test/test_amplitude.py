@@ -12,6 +12,7 @@ from core.planned_test.collection import CollectionError, collect, fresh
 from core.planned_test.planned_test import DatasetRecipe, LateralSimulator
 from core.simulation.aircraft import AIRCRAFT, PublishedAircraft, Uncertainty
 from core.simulation.maneuver import LATERAL_MANEUVERS, Maneuver, Table
+from core.simulation.pilot import usual_pilot
 
 RECIPE = DatasetRecipe()
 
@@ -33,7 +34,9 @@ def test_the_usual_test_of_every_aircraft_trains(kind: str):
 @pytest.mark.parametrize("maneuver", LATERAL_MANEUVERS.values(), ids=LATERAL_MANEUVERS)
 @pytest.mark.parametrize("share", [0.1, 0.25, 0.5])
 def test_the_wanted_share_fails_at_the_suggested_amplitude(maneuver: Maneuver, share: float):
-    recipe = replace(RECIPE, maneuver=maneuver, specification=Limits(Ny=0.2))
+    limits = Limits(p=0.2) if maneuver.captured == "bank" else Limits(Ny=0.2)
+    pilot = usual_pilot(maneuver)
+    recipe = replace(RECIPE, maneuver=maneuver, pilot=pilot, specification=limits)
     suggested = suggest_amplitude(recipe, share)
     assert abs(share_at(recipe, suggested.amplitude_deg) - share) < 0.07
     assert abs(suggested.share - share) < 0.02

@@ -12,6 +12,7 @@ from core.simulation.aircraft import AIRCRAFT, PublishedAircraft, Uncertainty
 from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.imperfections import Imperfections
 from core.simulation.maneuver import LATERAL_MANEUVERS
+from core.simulation.pilot import usual_pilot
 from core.simulation.rollout import roll_out
 from core.types import Array
 
@@ -188,8 +189,10 @@ def test_noise_has_its_deviation_and_does_not_change_the_labels():
 @pytest.mark.parametrize("name", AIRCRAFT)
 @pytest.mark.parametrize("maneuver", LATERAL_MANEUVERS)
 def test_every_aircraft_flies_every_manoeuvre(name: str, maneuver: str):
+    planned = LATERAL_MANEUVERS[maneuver]
+    pilot = usual_pilot(planned)
     simulator = LateralSimulator(
-        replace(RECIPE, aircraft=AIRCRAFT[name], maneuver=LATERAL_MANEUVERS[maneuver])
+        replace(RECIPE, aircraft=AIRCRAFT[name], maneuver=planned, pilot=pilot)
     )
     rollouts = simulator.rollouts(16, np.random.default_rng(0))
     assert np.isfinite(rollouts.y).all()

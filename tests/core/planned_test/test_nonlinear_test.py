@@ -17,6 +17,7 @@ from core.planned_test.planned_test import DatasetRecipe
 from core.simulation.maneuver import ALL_SURFACES, LATERAL_MANEUVERS, MANEUVERS, Ramps
 from core.simulation.nonlinear import TrimCondition
 from core.simulation.nonlinear_aircraft import NONLINEAR_AIRCRAFT
+from core.simulation.pilot import usual_pilot
 from core.simulation.simulator import Flies, Stops
 
 TEST = NonlinearTest(n_unsafe=20, seed=1)
@@ -30,6 +31,7 @@ def test_every_nonlinear_aircraft_flies_every_manoeuvre_as_flown(aircraft: str, 
         TEST,
         aircraft=NONLINEAR_AIRCRAFT[aircraft],
         maneuver=MANEUVERS[maneuver],
+        pilot=usual_pilot(MANEUVERS[maneuver]),
         specification=EVERY_LIMIT,
     ).as_flown()
     flights = test.simulator().rollouts(8, np.random.default_rng(0))

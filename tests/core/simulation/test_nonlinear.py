@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from core.kernels.aerodynamics import f16_polynomial, generic_stability_axes
+from core.kernels.pilot import NOBODY
 from core.kernels.six_dof import ALTITUDE, LAW, Loop, Times, begin, motion, roll_out
 from core.simulation.atmosphere import air_at
 from core.simulation.control_law import NoFeedback, RateDamper
@@ -136,11 +137,12 @@ def test_a_body_without_torque_keeps_energy_and_angular_momentum():
     nothing = np.zeros((1, 45))
     point = TrimCondition().point._replace(gravity=1e-12, turn=1.0, climb=0.1)
     held = np.array([[0.2, 0.7, 0.0, 0.0, 0.0, 0.0]])
-    loop = Loop(NO_LAW.a, NO_LAW.b, NO_LAW.c, NO_LAW.d, 0.0, 0.0, 20.2, inf, inf)
+    loop = Loop(NO_LAW.a, NO_LAW.b, NO_LAW.c, NO_LAW.d, 0.0, 0.0, 20.2, inf, inf, False)
     out = np.empty((1, 1001, 13))
     gust = np.empty((0, 0, 2))
     times, still = Times(0.01, 1, 1, 0.0), np.zeros((1, 1001, 3))
-    roll_out(body, nothing, point, held, loop, still, times, gust, out, 0, 1)
+    nobody = NOBODY, np.empty(0), np.empty(3)
+    roll_out(body, nothing, point, held, loop, still, times, gust, *nobody, out, 0, 1)
     p, q, r = out[0, :, 5], out[0, :, 1], out[0, :, 6]
     momentum = np.array([body.ixx * p - body.ixz * r, body.iyy * q, body.izz * r - body.ixz * p])
     energy = 0.5 * (momentum * np.array([p, q, r])).sum(axis=0)
