@@ -160,9 +160,14 @@ def on_this_thread() -> Iterator[None]:
         _here.alone = False
 
 
+def is_alone() -> bool:
+    """Whether this thread is one of many that already work in parallel."""
+    return getattr(_here, "alone", False)
+
+
 def in_chunks(n: int, size: int, task: Callable[[int, int], object]) -> None:
     """Run task(start, stop) over range(n) in pieces of `size`, on all threads."""
-    if n <= size or getattr(_here, "alone", False):
+    if n <= size or is_alone():
         task(0, n)
         return
     starts = range(0, n, size)

@@ -89,18 +89,14 @@ def collect(
     raise AssertionError("chunks never end")
 
 
-def fresh(recipe: SimulatedTest, most: int = MOST_FRESH) -> Iterator[Rollouts]:
+def fresh(
+    recipe: SimulatedTest, most: int = MOST_FRESH, executor: Executor | None = None
+) -> Iterator[Rollouts]:
     """Roll out flights to calibrate a monitor's validity; they neither train nor test it.
 
-    Yields batches on demand, `most` flights in total.
+    Yields batches on demand, `most` flights in total.   executor: see `_batches`.
     """
-    simulator = recipe.simulator()
-    rng, made = stream(recipe.seed, Branch.VALIDITY), 0
-    size = min(FRESH_BATCH, recipe.most_at_once)
-    while made < most:
-        flights = simulator.rollouts(min(size, most - made), rng)
-        made += len(flights.y)
-        yield flights
+    return _batches(recipe, most, Branch.VALIDITY, executor)
 
 
 def combination_failures(
@@ -108,32 +104,39 @@ def combination_failures(
     n: int,
     progress: Progress | None = None,
     branch: Branch = Branch.COMBINATION,
+    executor: Executor | None = None,
 ) -> tuple[Rollouts, int]:
     """Roll out until n flights fail, to calibrate a rule of several parts; they train none of them.
 
     With groups, until n of each group fail.
     progress: called with (failures, flights made); an exception cancels.   branch: of the seed.
+    executor: see `_batches`.
     Returns the failing flights, and the number of flights made.   CollectionError if the recipe's
     budget of rollouts cannot suffice.
     """
-    simulator, rng = recipe.simulator(), stream(recipe.seed, branch)
-    size = min(FRESH_BATCH, recipe.most_at_once)
     wanted = replace(recipe, n_unsafe=n)
     failures, parts, made = _Failures(wanted), list[Rollouts](), 0
-    while failures.n < n:
-        flights = simulator.rollouts(min(size, recipe.max_rollouts - made), rng)
+    for flights in _batches(recipe, recipe.max_rollouts, branch, executor):
         flights = flights.some(slice(failures.add(flights.is_unsafe, flights)))
         made += len(flights.y)
         parts.append(flights.some(flights.is_unsafe))
         if progress:
             progress(failures.n, made)
-        if failures.n < n:
-            _check_reach(failures, wanted, made)
+        if failures.n >= n:
+            break
+        _check_reach(failures, wanted, made)
     return _joined(parts), made
 
 
-def evaluation_flights(recipe: SimulatedTest, n: int, branch: Branch = Branch.TEST) -> Rollouts:
-    """Roll out n flights to test a monitor; they neither train it nor calibrate its validity."""
+def evaluation_flights(
+    recipe: SimulatedTest, n: int, branch: Branch = Branch.TEST, executor: Executor | None = None
+) -> Rollouts:
+    """Roll out n flights to test a monitor; they neither train it nor calibrate its validity.
+
+    executor: see `_batches`.
+    """
+    if isinstance(recipe, OwnTest):
+        return _joined([*_batches(recipe, n, branch, executor)])
     return recipe.simulator().rollouts(n, stream(recipe.seed, branch))
 
 
@@ -148,12 +151,14 @@ def stopping_flights(recipe: SimulatedTest, n: int) -> Stopped:
     return simulator.stopping(n, stream(recipe.seed, Branch.TEST))
 
 
-def training_rollouts(recipe: SimulatedTest, n: int = TRAINING_ROLLOUTS) -> Rollouts:
+def training_rollouts(
+    recipe: SimulatedTest, n: int = TRAINING_ROLLOUTS, executor: Executor | None = None
+) -> Rollouts:
     """Roll out n flights to train a forecast of peaks; they neither calibrate nor test.
 
-    Outputs of failing flights continue after the failure.
+    Outputs of failing flights continue after the failure.   executor: see `_batches`.
     """
-    return recipe.simulator().rollouts(n, stream(recipe.seed, Branch.FORECAST))
+    return evaluation_flights(recipe, n, Branch.FORECAST, executor)
 
 
 def card_of(test: SimulatedTest, n_plants: int = CARD_PLANTS) -> Card:
@@ -202,6 +207,33 @@ def card_of(test: SimulatedTest, n_plants: int = CARD_PLANTS) -> Card:
         asymmetry=recipe.imperfections.asymmetry,
         lag_s=recipe.imperfections.lag_s,
     )
+
+
+def _batches(
+    recipe: SimulatedTest, most: int, branch: Branch, executor: Executor | None
+) -> Iterator[Rollouts]:
+    """Batches of flights on demand, `most` flights in total.
+
+    executor: rolls out those of an own simulator, a few ahead, each with a random stream of its
+    own. Other simulators are fast, and one stream draws all their flights.
+    """
+    size = min(FRESH_BATCH, recipe.most_at_once)
+    sizes = [min(size, most - made) for made in range(0, most, size)]
+    simulator = recipe.simulator()
+    if not isinstance(recipe, OwnTest):
+        rng = stream(recipe.seed, branch)
+        yield from (simulator.rollouts(n, rng) for n in sizes)
+        return
+    numbered = ((simulator, n, (recipe.seed, branch, number)) for number, n in enumerate(sizes))
+    if executor is None:
+        yield from starmap(_batch, numbered)
+        return
+    with Tasks(executor) as tasks:
+        yield from tasks.results(_batch, numbered, CHUNKS_AHEAD)
+
+
+def _batch(simulator: Simulator, n: int, seeded: tuple[Any, ...]) -> Rollouts:
+    return simulator.rollouts(n, stream(*seeded))
 
 
 class _Chunk(NamedTuple):

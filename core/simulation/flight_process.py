@@ -22,6 +22,7 @@ from typing import Any, NoReturn, Protocol
 
 import numpy as np
 
+from core.kernels.compiled import is_alone
 from core.simulation.python_simulator import FlightByFlight, OwnCodeError, rollout_in_words
 from core.types import Array
 
@@ -74,6 +75,10 @@ class ModelSimulator(FlightByFlight):
     def _started(self) -> "_Processes":
         return _Processes(self.model, self.name, self.limits)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Without processes: a copy starts its own."""
+        return {name: value for name, value in vars(self).items() if name != "_started"}
+
     def end(self) -> None:
         """End the processes; the next flight starts new ones."""
         self._started.end()
@@ -100,7 +105,8 @@ class ModelSimulator(FlightByFlight):
                     values = dict(zip(names, theta[k].tolist(), strict=True))
                     errors[k] = f"{self.name}, {rollout_in_words(k, len(theta), values)}, {error}"
 
-        self._started.run(fly, min(self.processes, -(-len(theta) // AT_ONCE)))
+        most = 1 if is_alone() else self.processes
+        self._started.run(fly, min(most, -(-len(theta) // AT_ONCE)))
         if errors:
             self.end()
             raise OwnCodeError(errors[min(errors)])

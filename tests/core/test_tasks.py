@@ -15,8 +15,16 @@ from core.clearance import with_monitor as with_monitor_module
 from core.clearance.clearance import BuildUp, Clearance, ClearanceRecipe, calibrate
 from core.evaluation.lead_sweep import TESTS, SweepRecipe, sweep
 from core.evaluation.study import StudyRecipe, study
-from core.planned_test.collection import DatasetRecipe, collect
+from core.planned_test.collection import (
+    DatasetRecipe,
+    collect,
+    combination_failures,
+    evaluation_flights,
+    fresh,
+    training_rollouts,
+)
 from core.tasks import Tasks, stop_if_cancelled
+from tests.support.own_pitch import pitch, small_test
 
 DATASET = replace(DatasetRecipe(), n_unsafe=30, n_obs=30, max_safe=50)
 SWEEP = SweepRecipe(
@@ -55,8 +63,20 @@ def _swept(executor: Executor | None) -> Any:
     }
 
 
+def _own(executor: Executor | None) -> Any:
+    """Every batch of flights of an own simulator."""
+    test = small_test(pitch)
+    failures, n_made = combination_failures(test, 15, executor=executor)
+    tested, learned = (
+        fly(test, 600, executor=executor) for fly in (evaluation_flights, training_rollouts)
+    )
+    checked = [*fresh(test, 600, executor)]
+    return collect(test, executor=executor).digest(), failures, n_made, tested, learned, checked
+
+
 JOBS: dict[str, Callable[[Executor | None], Any]] = {
     "collection": lambda executor: collect(DATASET, executor=executor).digest(),
+    "own simulator": _own,
     "study": _studied,
     "sweep": _swept,
     "clearance": lambda executor: astuple(_clearance(executor))[2:],

@@ -1,5 +1,6 @@
 """Aircraft of JSBSim in processes of their own."""
 
+import pickle
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -44,6 +45,13 @@ def test_any_number_of_processes_gives_the_same_bits():
     assert len(np.unique(flights[0].reshape(40, -1), axis=0)) == 40
     for other in flights[1:]:
         np.testing.assert_array_equal(flights[0], other)
+
+
+def test_a_copy_for_another_process_flies_the_same():
+    original = simulator(model())
+    flown = original.rollouts(3, RNG(1))[0]
+    copied: ModelSimulator = pickle.loads(pickle.dumps(original))
+    np.testing.assert_array_equal(copied.rollouts(3, RNG(1))[0], flown)
 
 
 @pytest.mark.parametrize(
