@@ -5,7 +5,7 @@ import os
 import sys
 from dataclasses import asdict
 
-from app.commands.options.option import add_output, option
+from app.commands.options.option import add_output, add_scheduler, option
 from app.commands.options.scoring import add_scoring_options, request_of
 from app.commands.output.results import print_result, progress_bar
 from core.counted import counted
@@ -22,12 +22,14 @@ def add(parser: argparse.ArgumentParser) -> None:
     )
     option(parser, "--workers N", "processes; one for each core if absent", type=int)
     add_output(parser, "DIR", "folder of the results, which are continued if there are any")
+    add_scheduler(parser)
     parser.set_defaults(aircraft=None)
 
 
 def run(options: argparse.Namespace) -> int:
     """Returns 1 where no recording could be scored."""
-    from app.recordings.archive import ArchiveRequest, score_archive  # slow to import
+    from app.jobs.cluster import executor_at  # slow to import
+    from app.recordings.archive import ArchiveRequest, score_archive
 
     if options.out is None:
         raise ValueError("no folder for the results is given: give --out DIR")
@@ -37,8 +39,9 @@ def run(options: argparse.Namespace) -> int:
     aircraft, options.aircraft = options.aircraft, None
     request, _ = request_of(options)
     try:
-        with progress_bar("recordings") as show:
-            done = score_archive(ArchiveRequest(request, options.out, aircraft, workers), show)
+        with executor_at(options.scheduler) as executor, progress_bar("recordings") as show:
+            archive = ArchiveRequest(request, options.out, aircraft, workers)
+            done = score_archive(archive, show, executor)
     except KeyboardInterrupt:
         print("forewarn: interrupted; the same command continues", file=sys.stderr)
         return INTERRUPTED

@@ -12,14 +12,16 @@ or the program has changed.
 
 import hashlib
 import json
+import pickle
 import re
 import signal
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, as_completed
-from contextlib import suppress
+from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, as_completed
+from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
+from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -34,6 +36,7 @@ from app.recordings.scored_file import Scored, ScoreRequest, labels, load_monito
 from app.telemetry.readers import isolation
 from core import __version__
 from core.monitor import Monitor
+from core.tasks import Tasks
 from core.whole_file import whole_file, write_whole
 
 ID_LETTERS = 16
@@ -70,6 +73,12 @@ class ArchiveRequest:
     out: Path
     aircraft: str | None = None
     workers: int = 1
+
+    def absolute(self) -> "ArchiveRequest":
+        """The same with absolute paths, for other processes and machines."""
+        monitors = tuple(path.absolute() for path in self.score.monitors)
+        score = replace(self.score, monitors=monitors, file=self.score.file.absolute())
+        return replace(self, score=score, out=self.out.absolute())
 
 
 @dataclass(frozen=True)
@@ -216,12 +225,17 @@ def month_of(flight: str, start: float) -> str | None:
 
 
 def score_archive(
-    request: ArchiveRequest, progress: Callable[[int, int], None] = lambda *_: None
+    request: ArchiveRequest,
+    progress: Callable[[int, int], None] = lambda *_: None,
+    executor: Executor | None = None,
 ) -> Archived:
     """Score what has changed in an archive, and write its tables.
 
+    executor: of a cluster whose workers reach the same absolute paths; else this machine's
+    processes.
     ValueError for a source or monitors that cannot be used; OSError.
     """
+    request = request.absolute()
     files = list(_files(request))
     if not files:
         raise ValueError(f"{request.score.file} holds no files: give a folder of recordings")
@@ -240,7 +254,8 @@ def score_archive(
     results: list[dict[str, Any]] = [
         {"flight": flight, "copy_of": first} for flight, first in copies.items()
     ]
-    for result in _scored(request, [file for file in files if file.flight not in copies]):
+    different = [file for file in files if file.flight not in copies]
+    for result in _scored(request, different, executor):
         results.append(result)
         progress(len(results), len(files))
     results.sort(key=lambda result: result["flight"])
@@ -295,17 +310,24 @@ def _copies(files: list[ArchiveFile]) -> dict[str, str]:
     return copies
 
 
-def _scored(request: ArchiveRequest, files: list[ArchiveFile]) -> Iterator[dict[str, Any]]:
+def _scored(
+    request: ArchiveRequest, files: list[ArchiveFile], executor: Executor | None
+) -> Iterator[dict[str, Any]]:
     """The record of each file, as it is done. Readers are processes that read many files."""
-    scorer = ArchiveScorer(request)  # refuses monitors before a process starts
+    scorer, packed = ArchiveScorer(request), pickle.dumps(request)  # refuses monitors at once
+    if executor is not None:
+        with Tasks(executor) as tasks:
+            for done in as_completed([tasks.submit(_score, packed, file) for file in files]):
+                yield done.result()
+        return
     if request.workers == 1:
         with isolation.kept_readers():
             yield from map(scorer, files)
         return
     context = get_context("spawn")
-    with ProcessPoolExecutor(request.workers, context, _open, (request,)) as pool:
+    with ProcessPoolExecutor(request.workers, context, _leave_interrupts) as pool:
         try:
-            for done in as_completed([pool.submit(_score, file) for file in files]):
+            for done in as_completed([pool.submit(_score, packed, file) for file in files]):
                 yield done.result()
         except BrokenExecutor as error:
             raise OSError(
@@ -317,17 +339,23 @@ def _scored(request: ArchiveRequest, files: list[ArchiveFile]) -> Iterator[dict[
             raise
 
 
-_OPENED: list[ArchiveScorer] = []
-
-
-def _open(request: ArchiveRequest) -> None:
+def _leave_interrupts() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends its workers
-    isolation.kept_readers().__enter__()
-    _OPENED.append(ArchiveScorer(request))
 
 
-def _score(file: ArchiveFile) -> dict[str, Any]:
-    return _OPENED[0](file)
+_KEPT = ExitStack()
+"""What a worker process keeps until its end."""
+
+
+@cache
+def _opened(packed: bytes) -> ArchiveScorer:
+    _KEPT.enter_context(isolation.kept_readers())
+    return ArchiveScorer(pickle.loads(packed))
+
+
+def _score(packed: bytes, file: ArchiveFile) -> dict[str, Any]:
+    """packed: the request, of which a process opens the monitors once."""
+    return _opened(packed)(file)
 
 
 def read_record(path: Path) -> dict[str, Any]:

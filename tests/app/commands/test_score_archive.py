@@ -1,8 +1,10 @@
 """`forewarn score-archive`: each recording as `forewarn score` judges it, and only what changed."""
 
 import csv
+import gc
 import json
 import os
+import pickle
 import shutil
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -17,7 +19,9 @@ import pytest
 
 from app.cli import main
 from app.recordings import archive
-from app.recordings.archive import month_of
+from app.recordings.archive import ArchiveRequest, month_of
+from app.recordings.scored_file import ScoreRequest
+from app.telemetry.readers import isolation
 from tests.support.places import DATA
 
 pytestmark = pytest.mark.usefixtures("read_here")
@@ -195,6 +199,26 @@ def test_two_processes_give_the_tables_of_one(source: Path, tmp_path: Path, scor
     call = ["score-archive", str(MONITOR_FILE), str(source), "--workers", "2"]
     assert main([*call, "--out", str(tmp_path / "two")]) == 0
     assert tables(tmp_path / "two") == tables(tmp_path / "out")
+
+
+@pytest.mark.services
+def test_a_cluster_gives_the_tables_of_one_process(
+    source: Path, tmp_path: Path, scored: Any, dask_cluster: Any
+) -> None:
+    scored()
+    call = ["score-archive", str(MONITOR_FILE), str(source), "--out", str(tmp_path / "there")]
+    assert main([*call, "--scheduler", dask_cluster.scheduler_address]) == 0
+    assert tables(tmp_path / "there") == tables(tmp_path / "out")
+
+
+def test_a_worker_keeps_its_readers(source: Path, tmp_path: Path) -> None:
+    score = ScoreRequest((MONITOR_FILE,), source)
+    packed = pickle.dumps(ArchiveRequest(score, tmp_path / "out"))
+    archive._opened(packed)
+    gc.collect()
+    assert isolation._keeping
+    archive._KEPT.close()
+    archive._opened.cache_clear()
 
 
 def test_a_month_is_of_the_first_sample_or_of_a_date_in_the_path() -> None:
