@@ -133,9 +133,9 @@ def evaluation_flights(
 ) -> Rollouts:
     """Roll out n flights to test a monitor; they neither train it nor calibrate its validity.
 
-    executor: see `_batches`.
+    executor: see `_batches`; flights that can be stopped are one batch, for `stopping_flights`.
     """
-    if isinstance(recipe, OwnTest):
+    if isinstance(recipe, OwnTest) and not isinstance(recipe.simulator(), Stops):
         return _joined([*_batches(recipe, n, branch, executor)])
     return recipe.simulator().rollouts(n, stream(recipe.seed, branch))
 
