@@ -43,9 +43,9 @@ from core.bounds import bounds_of
 from core.channels import CHANNELS
 from core.clearance.clearance import ClearanceRecipe
 from core.conditions import CONDITIONS
+from core.evaluation.baselines import Baseline
 from core.evaluation.epsilon_choice import ChoiceRecipe
-from core.evaluation.lead_sweep import METHODS as SWEPT
-from core.evaluation.lead_sweep import SweepRecipe
+from core.evaluation.lead_sweep import COMPARED, SweepRecipe
 from core.evaluation.study import StudyRecipe
 from core.flight_events import FLIGHT_MARKERS
 from core.limits.limits import SPECIFICATIONS, Limits
@@ -114,7 +114,7 @@ def catalog() -> dict[str, Any]:
             for kind, (predictor, score) in METHODS.items()
         ],
         "tried": labels.TRIED,
-        "sweep_methods": {name: _method_words(*pair) for name, pair in SWEPT.items()},
+        "sweep_methods": {name: _method_words(method) for name, method in COMPARED.items()},
         "calibrating_share": SHARES[0],
         "flight_markers": [asdict(kind) for kind in FLIGHT_MARKERS.values()],
         "telemetry": _telemetry(),
@@ -126,10 +126,12 @@ def to_plain(recipe: Any) -> Any:
     return limits_named(stored_plain(recipe))
 
 
-def _method_words(predictor: Any, score: Any) -> str:
-    """The label of a sweep's method; the labels of its parts if it has none."""
-    titles = (labels.METHODS[kind] for kind, pair in METHODS.items() if pair == (predictor, score))
-    parts = (to_plain(part)["kind"] for part in (predictor, score))
+def _method_words(method: tuple[Any, Any] | Baseline) -> str:
+    """The label of a sweep's method, or of its parts if it has none; a baseline's assumption."""
+    if isinstance(method, Baseline):
+        return f"no promise by itself; assumes that {method.assumption}"
+    titles = (labels.METHODS[kind] for kind, pair in METHODS.items() if pair == method)
+    parts = (to_plain(part)["kind"] for part in method)
     return next(titles, "") or ", ".join(map(kind_label, parts))
 
 

@@ -13,7 +13,7 @@ from core.recipe import instead_of
 INTERRUPTED, MISTYPED = 130, 2
 
 COMMANDS = {
-    "study": "repeat the paper's experiment with five methods",
+    "study": "repeat the paper's experiment: five methods, beside the rules of others",
     "sweep": "compare how early each method can warn, and at what cost",
     "train": "simulate, train and test a monitor; write its file",
     "combine": "combine several monitors of one planned test, calibrated as a whole",

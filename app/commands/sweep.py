@@ -12,12 +12,12 @@ from app.commands.options.option import add_output, add_scheduler, option
 from app.commands.output.results import check_file, print_result, progress_bar
 from app.jobs.cluster import executor_at
 from app.report.studies.sweep import in_words, rows_of
-from core.evaluation.lead_sweep import METHODS, TESTS, SweepRecipe, sweep
+from core.evaluation.lead_sweep import COMPARED, TESTS, SweepRecipe, sweep
 from core.whole_file import write_whole
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    add_fields(parser, SweepRecipe, known={"tests": TESTS, "methods": METHODS})
+    add_fields(parser, SweepRecipe, known={"tests": TESTS, "methods": COMPARED})
     option(
         parser,
         "--figure FILE",

@@ -118,7 +118,7 @@ def sweep_leads(task: Task, recipe: SweepRecipe, tests: dict[str, DatasetRecipe]
 
 
 def compare_methods(task: Task, recipe: StudyRecipe) -> Result:
-    """Compare the five methods; the result has the curves, a table and figures as SVG."""
+    """Compare the methods; the result has the curves, a table and figures as SVG."""
     from app.report.studies.study import summary, table
     from app.report.studies.study_figures import study_curves, study_rollouts
 

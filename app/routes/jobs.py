@@ -164,7 +164,7 @@ async def _events(job_id: str, jobs: JobsDep) -> AsyncIterator[bytes]:
     ),
 )
 async def compare_methods(plain: PlainBody, store: StoreDep, jobs: JobsDep, settings: SettingsDep):
-    """Compare the paper's five methods on one dataset recipe; starts a job.
+    """Compare the paper's five methods and the rules of others on one dataset recipe; starts a job.
 
     The result holds the miss rate and the share of safe flights without a false alarm (power) over
     epsilon with 95 % intervals, a table, and links to the figures.

@@ -16,6 +16,7 @@ import numpy as np
 
 from core.bounds import Bounds, check_bounds
 from core.card import CardError
+from core.evaluation.baselines import BASELINES, Baseline
 from core.evaluation.ceiling import Ceiling
 from core.evaluation.prevention import REACTIONS_S, Stopped, prevention
 from core.evaluation.rates import PooledCounts, first_sample
@@ -55,7 +56,9 @@ METHODS: dict[str, tuple[Predictor, Score]] = {
     "test card: rest": (PREDICTORS["response_filter"], SCORES["rest_of_card"]),
     "neighbors + peaks": (Ensemble(scope="near"), SCORES["highest_risk"]),
 }
-"""Compared methods, as pairs of predictor and score."""
+"""Methods, as pairs of predictor and score."""
+COMPARED: dict[str, tuple[Predictor, Score] | Baseline] = METHODS | BASELINES
+"""What can be compared, the methods first."""
 CEILING = "ceiling"
 """Name of the information limit: see core.evaluation.ceiling."""
 CEILING_FLIGHTS, CEILING_POOL, FLIGHTS_A_TASK = 1000, 5000, 25
@@ -127,7 +130,7 @@ class SweepRecipe:
                 "limit needs imperfections none, leave out either"
             )
         for kind, given, known in (
-            ("method", self.methods, METHODS),
+            ("method", self.methods, COMPARED),
             ("planned test", self.tests, TESTS),
         ):
             if unknown := [name for name in given if name not in known]:
@@ -291,13 +294,15 @@ class _Part:
         self._dataset = collect(test)
         self._flights = evaluation_flights(test, recipe.n_test)
         self._above = alert_above(recipe.epsilon, recipe.n_unsafe, recipe.guarantee)
+        self._monitors = [name for name in recipe.methods if name in METHODS]
 
     def result(self) -> _PartResult:
         """Train and test the monitors."""
         flights, recipe, test = self._flights, self._recipe, self._test
         stopped = stopping_flights(test, recipe.n_test)
         counted: dict[tuple[str, float], Cell] = {}
-        for key, scores in chain(self._by_monitors(), self._by_forecasts()):
+        of_all = self._by_monitors(), self._by_forecasts(), self._by_baselines()
+        for key, scores in chain.from_iterable(of_all):
             stop_if_cancelled()
             counted[key] = _counted(scores, flights, test, recipe, stopped)
         ordered = ((name, lead) for lead in recipe.leads_s for name in recipe.methods)
@@ -307,7 +312,7 @@ class _Part:
     def _by_monitors(self) -> Iterator[tuple[tuple[str, float], _Scores]]:
         """Methods that use neighbours of the latest samples."""
         recipe, failures = self._recipe, None
-        names = [name for name in recipe.methods if METHODS[name][0].forecast in ("", "ensemble")]
+        names = [name for name in self._monitors if METHODS[name][0].forecast in ("", "ensemble")]
         rollouts, near = None, list[Rollouts]()
         if any(METHODS[name][0].forecast for name in names):
             failures, _ = combination_failures(self._test, recipe.n_unsafe, branch=Branch.ENSEMBLE)
@@ -339,7 +344,7 @@ class _Part:
 
     def _by_forecasts(self) -> Iterator[tuple[tuple[str, float], _Scores]]:
         """Methods that forecast the rest of the manoeuvre."""
-        methods = [(name, *METHODS[name]) for name in self._recipe.methods]
+        methods = [(name, *METHODS[name]) for name in self._monitors]
         for predictor in dict.fromkeys(predictor for _, predictor, _ in methods):
             windows = {
                 (name, lead): (score.window(h), h)
@@ -380,6 +385,15 @@ class _Part:
                 for window, forecast in zip(windows, forecasts, strict=True)
             }
         return {}
+
+    def _by_baselines(self) -> Iterator[tuple[tuple[str, float], _Scores]]:
+        for name in self._recipe.methods:
+            if name in BASELINES:
+                scores = BASELINES[name].fit(self._dataset)
+                both = scores(self._dataset.unsafe), scores(self._flights.y)
+                for lead in self._recipe.leads_s:
+                    h = lead_steps(lead, self._test.dt)
+                    yield (name, lead), self._forecast_scores(*both, h)
 
     def _forecast_scores(self, failures: Array, tests: Array, h: int) -> _Scores:
         """failures, tests: scores of all their samples."""

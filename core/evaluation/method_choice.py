@@ -1,20 +1,19 @@
 """Which method warns best for a test: by flights that chose nothing, beside a plain threshold."""
 
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
 from core.dataset import Dataset
 from core.evaluation import THRESHOLD
-from core.evaluation.rates import evaluate
-from core.limits.limits import Envelope, envelope_of
-from core.monitor.calibration import alert_above, p_values
+from core.evaluation.baselines import CurrentShare, evaluate_baseline
+from core.evaluation.rates import Evaluation, evaluate
+from core.limits.limits import envelope_of
 from core.monitor.monitor import Monitor
-from core.monitor.observation import lead_steps
 from core.monitor.recipe import METHODS, MonitorRecipe, planned
 from core.monitor.training import Flights, train
 from core.rollouts import LabelledFlights
-from core.types import Array, Indices
 
 OF_THE_CARD = "test_card"
 """The method that needs a test card, which own rollouts lack."""
@@ -32,6 +31,12 @@ class MethodCounts:
     n_unsafe: int
     quiet: int
     n_safe: int
+
+    @classmethod
+    def of(cls, name: str, counts: Evaluation) -> Self:
+        """Counts at the first epsilon."""
+        missed, quiet = int(counts.misses[0]), int(counts.quiet[0])
+        return cls(name, missed, counts.n_unsafe, quiet, counts.n_safe)
 
     @property
     def miss_rate(self) -> float:
@@ -66,12 +71,7 @@ def try_methods(
         except ValueError:
             continue  # such as a peak that too few failures teach
         counts = evaluate(monitor, flights.y, flights.fail_index, np.array([recipe.epsilon]))
-        tried[name] = (
-            monitor,
-            MethodCounts(
-                name, int(counts.misses[0]), counts.n_unsafe, int(counts.quiet[0]), counts.n_safe
-            ),
-        )
+        tried[name] = monitor, MethodCounts.of(name, counts)
     return tried
 
 
@@ -107,27 +107,8 @@ def plain_threshold(
     dataset: Dataset, flights: LabelledFlights, recipe: MonitorRecipe
 ) -> MethodCounts | None:
     """A threshold on the current margin, calibrated like the monitors; None for labels alone."""
-    envelope = envelope_of(dataset.specification)
-    if envelope is None:
+    if envelope_of(dataset.specification) is None:
         return None
-    h = lead_steps(recipe.t_early, dataset.dt)
-    alphas = np.sort(_scores(envelope, dataset.unsafe, dataset.fail_index - h))
-    above = alert_above(recipe.epsilon, len(alphas), recipe.guarantee)
-    fails = flights.fails
-    last = np.where(fails, flights.fail_index - h, flights.y.shape[1] - 1)
-    alerts = p_values(_scores(envelope, flights.y, last), alphas) > above
-    alerts &= last >= 0
-    return MethodCounts(
-        THRESHOLD,
-        int((~alerts[fails]).sum()),
-        int(fails.sum()),
-        int((~alerts[~fails]).sum()),
-        int((~fails).sum()),
-    )
-
-
-def _scores(envelope: Envelope, y: Array, last: Indices) -> Array:
-    """(n,) minus the largest margin of each flight over samples 0..last; +inf for none."""
-    margin = np.nan_to_num(envelope.margin(y), nan=-np.inf)
-    counts = np.arange(y.shape[1]) <= last[:, np.newaxis]
-    return -np.where(counts, margin, -np.inf).max(axis=1)
+    at = np.array([recipe.epsilon])
+    counts, _ = evaluate_baseline(CurrentShare(), dataset, flights, recipe, at)
+    return MethodCounts.of(THRESHOLD, counts)

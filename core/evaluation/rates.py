@@ -1,7 +1,7 @@
 """Evaluation on fresh rollouts: missed failures and false alarms of a monitor."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -204,13 +204,31 @@ def evaluate(
     until = np.minimum(last, monitor.first_withdrawn(y, fail_index) - 1)
     silent = monitor.highest_p_values(y, until)[:, None] <= above
     is_missed = silent & (until == last)[:, None]
-    failures_of = misses_of = None
-    if aircraft is not None:
-        _, of, failures_of = np.unique(aircraft[is_unsafe], return_inverse=True, return_counts=True)
-        misses_of = np.zeros((len(failures_of), len(above)), np.int64)
-        np.add.at(misses_of, of, is_missed[is_unsafe])
+    counts = count_silent(np.asarray(epsilons), is_unsafe, last, silent, is_missed)
+    if aircraft is None:
+        return counts
+    _, of, failures_of = np.unique(aircraft[is_unsafe], return_inverse=True, return_counts=True)
+    misses_of = np.zeros((len(failures_of), len(above)), np.int64)
+    np.add.at(misses_of, of, is_missed[is_unsafe])
+    return replace(counts, failures_of=failures_of, misses_of=misses_of)
+
+
+def count_silent(
+    epsilons: Array,
+    is_unsafe: Flags,
+    last: Indices,
+    silent: Flags,
+    is_valid: Flags | None = None,
+) -> Evaluation:
+    """Count flights without an alert.
+
+    is_unsafe: (n,).   last: (n,) last sample at which an alert counts, negative for none.
+    silent: (n, n_eps) whether a flight has no alert by then.   is_valid: (n, n_eps) which of these
+    are valid by then; default: all.
+    """
+    is_missed = silent if is_valid is None else is_valid
     return Evaluation(
-        epsilons=np.asarray(epsilons),
+        epsilons=epsilons,
         n_unsafe=int(is_unsafe.sum()),
         n_safe=int((~is_unsafe).sum()),
         n_early=int((last < 0).sum()),
@@ -218,8 +236,6 @@ def evaluate(
         false_alerts=(~silent[~is_unsafe]).sum(axis=0),
         withdrawn=(silent & ~is_missed)[is_unsafe].sum(axis=0),
         safe_withdrawn=(silent & ~is_missed)[~is_unsafe].sum(axis=0),
-        failures_of=failures_of,
-        misses_of=misses_of,
     )
 
 

@@ -1,4 +1,4 @@
-"""The paper's experiment: miss rate and power of five methods over epsilon."""
+"""The paper's experiment: miss rate and power of five methods, and of others, over epsilon."""
 
 from collections.abc import Callable
 from concurrent.futures import Executor
@@ -9,6 +9,7 @@ import numpy as np
 
 from core.bounds import Bounds, check_bounds
 from core.channels import KEYS
+from core.evaluation.baselines import BASELINES, evaluate_baseline
 from core.evaluation.rates import EPSILONS, Evaluation, PooledCounts, evaluate
 from core.limits.limits import Limits
 from core.monitor.calibration import smallest_epsilon
@@ -88,12 +89,14 @@ class MethodResult(PooledCounts):
 class StudyResult:
     """Every method's counts, and an example.
 
-    methods: by name.   unsafe_rate: unbiased estimate from all collections.
+    methods: by name, those of BASELINES too.   own: counts of each baseline with the level of its
+    authors, at one epsilon that is NaN.   unsafe_rate: unbiased estimate from all collections.
     monitor, flights: the example: first monitor of the first method and its test flights.
     """
 
     recipe: StudyRecipe
     methods: dict[str, MethodResult]
+    own: dict[str, MethodResult]
     unsafe_rate: float
     monitor: Monitor
     flights: Rollouts
@@ -104,8 +107,10 @@ class StudyResult:
         return sorted(self.methods, key=lambda name: -self.methods[name].mean_power)
 
 
-Part = tuple[float, dict[str, Evaluation], tuple[Monitor, Rollouts] | None]
-"""Share of unsafe rollouts, evaluations by method, and of the first part the example."""
+Evaluations = dict[str, Evaluation]
+Part = tuple[float, Evaluations, Evaluations, tuple[Monitor, Rollouts] | None]
+"""Share of unsafe rollouts, evaluations by method, those of the baselines with the level of their
+authors, and of the first part the example."""
 
 
 def study(
@@ -116,34 +121,43 @@ def study(
 ) -> StudyResult:
     """Train n_monitors monitors of every method and fly fresh test flights through each.
 
+    The rules of others learn from the same rollouts and judge the same flights.
+
     executor: see Tasks.   progress: called with (monitors done, total); an exception cancels.
     """
     recipe = recipe or StudyRecipe()
     n_monitors = recipe.n_monitors
     seeds = monitor_seeds(recipe.dataset.seed, n_monitors)
-    evaluations = {name: [] for name in methods(recipe.dataset.specification)}
     rates, example = [], None
+    calibrated, own = list[Evaluations](), list[Evaluations]()
     with Tasks(executor) as tasks:
         parts = tasks.results(_part, [(recipe, number, *each) for number, each in enumerate(seeds)])
-        for number, (unsafe_rate, evaluated, kept) in enumerate(parts):
+        for number, (unsafe_rate, evaluated, by_authors, kept) in enumerate(parts):
             rates.append(unsafe_rate)
             example = example or kept
-            for name, evaluation in evaluated.items():
-                evaluations[name].append(evaluation)
+            calibrated.append(evaluated)
+            own.append(by_authors)
             if progress:
                 progress(number + 1, n_monitors)
     assert example
     return StudyResult(
         recipe=recipe,
-        methods={name: MethodResult.pool(parts) for name, parts in evaluations.items()},
+        methods=_pooled(calibrated),
+        own=_pooled(own),
         unsafe_rate=float(np.mean(rates)),
         monitor=example[0],
         flights=example[1],
     )
 
 
+def _pooled(evaluations: list[Evaluations]) -> dict[str, MethodResult]:
+    return {
+        name: MethodResult.pool([each[name] for each in evaluations]) for name in evaluations[0]
+    }
+
+
 def _part(recipe: StudyRecipe, number: int, seed: int, test_seed: int) -> Part:
-    """One dataset, its monitors by every method, and their evaluation on the same flights."""
+    """One dataset, its monitors by every method, and all evaluated on the same flights."""
     dataset = collect(replace(recipe.dataset, seed=seed))
     flights = LateralSimulator(recipe.dataset).rollouts(
         recipe.n_test, np.random.default_rng(test_seed)
@@ -157,6 +171,14 @@ def _part(recipe: StudyRecipe, number: int, seed: int, test_seed: int) -> Part:
         train(dataset, replace(recipe.monitor, predictor=predictor, score=score), safe=safe)
         for predictor, score in compared.values()
     ]
-    evaluated = [evaluate(monitor, flights.y, flights.fail_index, epsilons) for monitor in monitors]
-    by_method = dict(zip(compared, evaluated, strict=True))
-    return dataset.unsafe_rate, by_method, None if number else (monitors[0], flights)
+    evaluated = {
+        name: evaluate(monitor, flights.y, flights.fail_index, epsilons)
+        for name, monitor in zip(compared, monitors, strict=True)
+    }
+    own: Evaluations = {}
+    for name, baseline in BASELINES.items():
+        evaluated[name], own[name] = evaluate_baseline(
+            baseline, dataset, flights, recipe.monitor, epsilons
+        )
+    kept = None if number else (monitors[0], flights)
+    return dataset.unsafe_rate, evaluated, own, kept

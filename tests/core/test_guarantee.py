@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from core.evaluation.baselines import BASELINES
 from core.evaluation.rates import evaluate
 from core.evaluation.study import METHODS, StudyRecipe, StudyResult, study
 from core.monitor import MonitorRecipe, train
@@ -53,7 +54,7 @@ def test_plants_are_worth_studying(results: dict[str, StudyResult]):
 
 
 @pytest.mark.parametrize("calibration", ["pointwise", "trajectory"])
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", [*METHODS, *BASELINES])
 def test_mean_miss_rate_keeps_epsilon(results, calibration: str, method: str):
     result = results[calibration].methods[method]
     shares = result.misses / result.n_unsafe

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from app.recipes.recipes import to_plain
+from core.evaluation.baselines import BASELINES
 from core.evaluation.study import MethodResult, StudyResult
 from core.whole_file import write_whole
 
@@ -53,6 +54,13 @@ def summary(result: StudyResult) -> dict[str, Any]:
             }
             for name, method in result.methods.items()
         },
+        "others": {
+            name: {
+                "assumption": BASELINES[name].assumption,
+                **{share: getattr(own, share)[0].tolist() for share in SHARES},
+            }
+            for name, own in result.own.items()
+        },
     }
 
 
@@ -74,6 +82,13 @@ def table(result: StudyResult) -> str:
     for name in result.ranking:
         method = result.methods[name]
         lines.append(f"{name:27}" + "".join(f"{_cell(method, row):^36}" for row in rows))
+    lines += [
+        "",
+        "rules of others: in the table as calibrated like the monitors, each alert up to the lead "
+        "counted; here with the threshold of their authors, without a promise",
+    ]
+    for name, own in result.own.items():
+        lines.append(f"{name:27}{_cell(own, 0):^36}  assumes that {BASELINES[name].assumption}")
     return "\n".join(lines)
 
 

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from core.channels import CHANNELS
-from core.evaluation.lead_sweep import CEILING, METHODS, PlannedTestSweep, SweepRecipe
+from core.evaluation.lead_sweep import CEILING, COMPARED, PlannedTestSweep, SweepRecipe
 from core.monitor import Assessments, Monitor
 from core.types import Array, Indices
 
@@ -71,12 +71,12 @@ def study_curves(result: "StudyResult") -> Figure:
             (miss, "miss_rate", "miss rate: failing flights without a timely alert"),
             (power, "power", "safe flights without a false alarm"),
         ):
-            looks = zip(COLOURS, DASHES, result.methods.items(), strict=False)
-            for colour, dashes, (name, method) in looks:
-                share, epsilons = getattr(method, quantity), method.epsilons
+            for number, (name, method) in enumerate(result.methods.items()):
+                look, epsilons = _numbered_look(number), method.epsilons
+                share = getattr(method, quantity)
                 low, high = getattr(method, f"{quantity.removesuffix('_rate')}_interval").T
-                axes.plot(epsilons, share, color=colour, ls=dashes, lw=1.8, label=name)
-                axes.fill_between(epsilons, low, high, color=colour, alpha=0.15, lw=0)
+                axes.plot(epsilons, share, label=name, lw=1.8, ms=4, markevery=6, **look)
+                axes.fill_between(epsilons, low, high, color=look["color"], alpha=0.15, lw=0)
             axes.set(xlim=(0, 1), ylim=(-0.02, 1.02), xlabel="ε, accepted miss rate", ylabel=label)
         miss.plot([0, 1], [0, 1], color=LIMIT, lw=1, ls="--", label="guarantee: miss rate ≤ ε")
         miss.legend(loc="upper left", frameon=False)
@@ -228,9 +228,14 @@ def power_against_lead(results: Mapping[str, PlannedTestSweep], recipe: SweepRec
     return figure
 
 
-def _look(method: str) -> dict[str, object]:
+def _look(method: str) -> dict[str, Any]:
     if method == CEILING:
         return {"color": MEASURED, "ls": "--", "marker": "x"}
-    number = list(METHODS).index(method) if method in METHODS else 0
-    colour, dashes = COLOURS[number % len(COLOURS)], DASHES[number % len(DASHES)]
-    return {"color": colour, "ls": dashes, "marker": MARKERS[number % len(MARKERS)]}
+    return _numbered_look(list(COMPARED).index(method))
+
+
+def _numbered_look(number: int) -> dict[str, Any]:
+    """The look of a line; colours recur with other dashes and markers."""
+    again, k = divmod(number, len(COLOURS))
+    marker = MARKERS[(k + 3 * again) % len(MARKERS)]
+    return {"color": COLOURS[k], "ls": DASHES[(k + again) % len(DASHES)], "marker": marker}

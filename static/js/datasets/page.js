@@ -32,7 +32,7 @@ export function showDataset(element, { id, api, navigate }) {
       dataset.name,
       [
         link("Train a monitor", `#/monitors/new?dataset=${id}`, true),
-        isLinear && link("Compare five methods", `#/monitors/compare?dataset=${id}`),
+        isLinear && link("Compare methods", `#/monitors/compare?dataset=${id}`),
         h("a.button", { href: `/api/v1/datasets/${id}/arrays`, download: `dataset-${id}.npz` }, "Download arrays"),
         deleteButton({
           api,

@@ -1,4 +1,4 @@
-/** The paper's study: five methods on one planned test.   query: dataset, job (a past study) */
+/** The paper's study: its five methods and the rules of others on one planned test.   query: dataset, job (a past study) */
 
 import { fieldset } from "../forms/controls.js";
 import { createFields } from "../forms/form.js";
@@ -12,12 +12,14 @@ import { showStudyPage } from "./study_page.js";
 const SHOWN = [0.05, 0.1, 0.2, 0.3];
 const CAPTION =
   "Missed: share of failing flights without a timely alert. No false alarm: share of safe flights without an alert. The 95 % intervals include the scatter between monitors.";
+const OTHERS =
+  "Rules of others with the thresholds of their authors, without any promise. Above, each is calibrated on the same failures as the monitors, as it is flown.";
 
 export function showComparison(element, context) {
   return showStudyPage(element, context, {
-    title: "Compare five methods",
+    title: "Compare methods",
     kind: "study",
-    guide: "first-monitor#which-method",
+    guide: "method#who-else-warns",
     address: "#/monitors/compare",
     hint: "The same figures as files, in the paper's form.",
     requestWords: ({ n_monitors, n_test }) => `${n_monitors} monitors of each method, ${n_test} flights each`,
@@ -39,7 +41,7 @@ function form({ catalog, api, datasets, chosen }) {
       source.size,
       fieldset("2  Size", h("div.field-grid", ["n_monitors", "n_test"].map(sizes.element)), sizes.element("monitor")),
     ],
-    beside: "All methods use the same failures and the same fresh flights.",
+    beside: "The paper's five methods and four rules of others. All use the same failures and the same fresh flights.",
     read: () => ({ ...sizes.read(), dataset: source.read() }),
   };
 }
@@ -53,7 +55,7 @@ function result({ result: study, request }, catalog) {
     `${percent(study.unsafe_rate)} of flights unsafe; warning lead time ${figure(study.lead_s)} s; calibration ${chosen("calibration")}; scaling of the channels ${chosen("scaling")}. ` +
     "The method with most safe flights without a false alarm comes first. The ranking holds for this aircraft and manoeuvre only.";
   const panels = ["power", "miss"].map((what) => h("section.panel", methodsFigure(methods, ranking, what)));
-  return [h("p", words), h("div.figures", panels), rates(methods, ranking)];
+  return [h("p", words), h("div.figures", panels), rates(methods, ranking), ownThresholds(study.others)];
 }
 
 function rates(methods, ranking) {
@@ -64,9 +66,21 @@ function rates(methods, ranking) {
   return table({ columns: [["Method", (name) => name, "name"], ...columns], items: ranking, caption: CAPTION });
 }
 
+/** k: of an epsilon; without, the shares are single numbers. */
 function shares(method, k) {
-  const hint = `${interval(method.miss_interval[k], 0)} / ${interval(method.power_interval[k], 0)}`;
-  return [h("strong", `${percent(method.miss_rate[k], 0)} / ${percent(method.power[k], 0)}`), h("br"), h("span.hint", hint)];
+  const at = (key) => (k === undefined ? method[key] : method[key][k]);
+  const hint = `${interval(at("miss_interval"), 0)} / ${interval(at("power_interval"), 0)}`;
+  return [h("strong", `${percent(at("miss_rate"), 0)} / ${percent(at("power"), 0)}`), h("br"), h("span.hint", hint)];
+}
+
+/** others: by name; absent in a study of an earlier version. */
+function ownThresholds(others) {
+  const columns = [
+    ["Rule", ([name]) => name, "name"],
+    ["assumes that", ([, { assumption }]) => assumption],
+    ["missed / no false alarm", ([, own]) => shares(own), "number"],
+  ];
+  return others && table({ columns, items: Object.entries(others), caption: OTHERS });
 }
 
 function nearest(values, wanted) {

@@ -20,6 +20,7 @@ const STOPPED = "flown again, with neutral controls after the reaction time";
 /** [s] Reaction time of the shown prevention: a pilot who waits for the call. */
 const USUAL_REACTION_S = 0.5;
 
+const markOf = (k) => METHOD_MARKS[(k + 3 * Math.floor(k / METHOD_MARKS.length)) % METHOD_MARKS.length];
 const every = (step, points, first = 0) => points.filter((_, k) => k % step === first);
 const bandOf = (at, intervals) => intervals.map(([low, high], k) => [at[k], low, high]);
 
@@ -135,7 +136,7 @@ export function methodsFigure(methods, ranking, what) {
       look: `plot-method-${k}`,
       line,
       band: k === 0 ? bandOf(epsilon, intervals) : null,
-      mark: METHOD_MARKS[k % 5],
+      mark: markOf(k),
       marks: every(5, line, k % 5),
       words: method,
     };
@@ -158,7 +159,7 @@ export function leadsFigure({ cells, earliest_s: earliest }, { reactions_s: reac
   const methods = [...new Set(cells.map(({ method }) => method))];
   const seriesOf = (method, k) => ({
     look: method === CEILING ? "plot-promise" : `plot-method-${k}`,
-    mark: method === CEILING ? "cross" : METHOD_MARKS[k],
+    mark: method === CEILING ? "cross" : markOf(k),
     line: cells
       .filter((cell) => cell.method === method)
       .map((cell) => [cell.lead, isPower ? cell[what] : cell[what][at]])

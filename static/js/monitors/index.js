@@ -1,6 +1,6 @@
 /**
  * The Monitors page: #/monitors lists; #/monitors/new trains one, #/monitors/combine combines several,
- * #/monitors/compare compares five methods, #/monitors/sweep lead times; #/monitors/{id} is one monitor.
+ * #/monitors/compare compares methods, #/monitors/sweep lead times; #/monitors/{id} is one monitor.
  */
 
 import { fileInput } from "../forms/controls.js";
@@ -40,7 +40,7 @@ function showMonitors(element, { api, navigate }) {
     const actions = [
       training(),
       monitors.length > 1 ? link("Combine monitors", "#/monitors/combine") : null,
-      link("Compare five methods", "#/monitors/compare"),
+      link("Compare methods", "#/monitors/compare"),
       link("Lead-time study", "#/monitors/sweep"),
       link("Monitor sets", "#/sets"),
       uploader(api, navigate),

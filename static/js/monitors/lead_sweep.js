@@ -28,7 +28,9 @@ function form({ catalog, datasets, chosen }) {
   const fields = createFields(schema, usual, { catalog, path: "sweep", hidden: LISTS });
   const source = testChoice(usual.tests, datasets, chosen);
   const isDataset = () => datasets.some(({ id }) => id === source.value);
-  const boxes = usual.methods.map((name) => checkbox({ value: name, checked: true }));
+  const boxes = Object.keys(catalog.sweep_methods).map((name) =>
+    checkbox({ value: name, checked: usual.methods.includes(name) }),
+  );
   const asked = () => boxes.filter(({ checked }) => checked).map(({ value }) => value);
   const leads = textInput({ inputmode: "decimal", id: "sweep-leads", value: usual.leads_s.join(" ") });
   const leadField = labelled("warning lead times", leads, { unit: "s", hint: "up to twenty, separated by spaces" });

@@ -49,14 +49,18 @@ def test_study_writes_table_data_and_both_figures(small_studied: tuple[dict[str,
     assert b"<svg" in files["miss_and_power.svg"]
     study = json.loads(files["study.json"])
     rows = list(csv.DictReader(files["study.csv"].decode().splitlines()))
-    assert len(rows) == 5 * len(study["methods"]["PCA"]["epsilon"])
+    assert len(rows) == 9 * len(study["methods"]["PCA"]["epsilon"])
     for row in rows:
         method = study["methods"][row["method"]]
         index = method["epsilon"].index(float(row["epsilon"]))
         assert float(row["miss_rate"]) == pytest.approx(method["miss_rate"][index], rel=1e-5)
         assert float(row["power_low"]) <= float(row["power"]) <= float(row["power_high"])
     lines = [line for line in printed.splitlines() if line.startswith(tuple(study["methods"]))]
-    assert [line[:27].strip() for line in lines] == study["ranking"]
+    names = [line[:27].strip() for line in lines]
+    assert names == [*study["ranking"], *study["others"]]
+    for line, (name, own) in zip(lines[-4:], study["others"].items(), strict=True):
+        assert f"{own['miss_rate']:.2f} [" in line, name
+        assert own["assumption"] in line
 
 
 def test_study_repeats_to_the_byte_for_a_seed(small_studied, tmp_path: Path):

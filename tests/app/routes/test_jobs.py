@@ -3,6 +3,7 @@ import threading
 import pytest
 
 from app.store.store import open_store
+from core.evaluation.baselines import BASELINES
 from core.evaluation.study import METHODS
 from tests.support.api import api, events, finished, problem
 from tests.support.patience import PATIENCE
@@ -34,11 +35,12 @@ def held(client):
     events(client, f"/api/v1/jobs/{job_id}")
 
 
-def test_the_study_compares_the_five_methods(client):
+def test_the_study_compares_the_five_methods_and_the_rules_of_others(client):
     job = finished(client, client.post("/api/v1/studies", json=STUDY))
     assert job["status"] == "done", job
     result = client.get(f"/api/v1/jobs/{job['id']}").json()["result"]
-    assert set(result["methods"]) == set(result["ranking"]) == set(METHODS)
+    assert set(result["methods"]) == set(result["ranking"]) == {*METHODS, *BASELINES}
+    assert result["others"].keys() == BASELINES.keys()
     for curves in result["methods"].values():
         assert len(curves["epsilon"]) == len(curves["power"]) == len(curves["miss_interval"])
     assert sorted(result["figures"]) == ["miss_and_power.svg", "rollouts.svg"]

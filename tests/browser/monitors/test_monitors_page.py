@@ -473,7 +473,7 @@ def test_an_unknown_monitor_is_an_error_that_can_be_tried_again(
     expect(state.get_by_role("button", name="Try again")).to_be_visible()
 
 
-def test_five_methods_are_compared_on_a_dataset(page: Page, site: Site) -> None:
+def test_methods_and_rules_of_others_are_compared_on_a_dataset(page: Page, site: Site) -> None:
     page.goto(f"{site.http}/#/monitors/compare?dataset={site.dataset}")
     field(page, "study.n_monitors").fill("1")
     field(page, "study.n_test").fill("60")
@@ -481,11 +481,16 @@ def test_five_methods_are_compared_on_a_dataset(page: Page, site: Site) -> None:
     expect(page.locator("figure svg.plot")).to_have_count(2, timeout=SLOW)
     job = page.url.rpartition("job=")[2]
     result = site.get(f"/jobs/{job}")["result"]
-    assert page.locator("tbody th").all_inner_texts() == result["ranking"]
+    names = page.locator("tbody th").all_inner_texts()
+    assert names == [*result["ranking"], *result["others"]]
     best = result["methods"][result["ranking"][0]]
     at = best["epsilon"].index(0.1)
     shares = f"{100 * best['miss_rate'][at]:.0f} % / {100 * best['power'][at]:.0f} %"
     expect(page.locator("tbody tr").first).to_contain_text(shares)
+    name, own = list(result["others"].items())[-1]
+    row = page.get_by_role("row", name=name).last
+    expect(row).to_contain_text(own["assumption"])
+    expect(row).to_contain_text(f"{100 * own['miss_rate']:.0f} % / {100 * own['power']:.0f} %")
 
 
 # Datasets
@@ -500,6 +505,9 @@ def test_leads_are_swept_on_a_datasets_test(page: Page, site: Site) -> None:
     )
     for name in ("test card: window", "test card: rest", "predicted magnitude"):
         page.get_by_label(name, exact=True).uncheck()
+    other = page.get_by_label("safe envelope", exact=True)
+    expect(other).not_to_be_checked()
+    other.check()
     page.get_by_label("warning lead times").fill("0.25 1.9")
     for name, number in (("n_unsafe", 25), ("n_monitors", 1), ("n_test", 80)):
         field(page, f"sweep.{name}").fill(str(number))
@@ -507,7 +515,7 @@ def test_leads_are_swept_on_a_datasets_test(page: Page, site: Site) -> None:
     expect(page.locator("figure")).to_have_count(2, timeout=SLOW)
     (job,) = (job for job in site.get("/jobs") if job["kind"] == "sweep")
     (found,) = site.get(f"/jobs/{job['id']}")["result"]["tests"].values()
-    assert len(found["cells"]) == 8
+    assert len(found["cells"]) == 10
     page.locator("summary", has_text="All figures").click()
     row = page.get_by_role("row").nth(1)
     expect(row).to_contain_text(found["cells"][0]["method"])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from core.evaluation import lead_sweep
+from core.evaluation.baselines import BASELINES, evaluate_baseline
 from core.evaluation.lead_sweep import (
     CEILING,
     METHODS,
@@ -60,6 +61,20 @@ def test_a_cell_counts_what_each_monitor_alone_does(small: PlannedTestSweep) -> 
             assert (cell.n_unsafe[number], cell.n_safe[number]) == (alone.n_unsafe, alone.n_safe)
         assert cell.prevented.shape == (2, len(SMALL.reactions_s))
         assert (np.diff(cell.prevented_share) <= 0).all()
+
+
+def test_rules_of_others_are_counted_at_each_lead() -> None:
+    recipe = replace(SMALL, methods=tuple(BASELINES), leads_s=(0.25, 0.5))
+    cells = sweep(recipe)["F-16"].cells
+    assert cells.keys() == {(name, lead) for name in BASELINES for lead in recipe.leads_s}
+    for (name, lead), cell in cells.items():
+        settings = MonitorRecipe(t_early=lead)
+        for number, (seed, _) in enumerate(monitor_seeds(SMALL.seed, SMALL.n_monitors)):
+            test = replace(TESTS["F-16"], seed=seed, n_unsafe=SMALL.n_unsafe)
+            flights, at = evaluation_flights(test, SMALL.n_test), np.array([0.1])
+            alone, _ = evaluate_baseline(BASELINES[name], collect(test), flights, settings, at)
+            assert cell.misses[number] == alone.misses[0]
+            assert cell.false_alerts[number] == alone.false_alerts[0]
 
 
 def test_sharing_work_between_methods_changes_no_count() -> None:

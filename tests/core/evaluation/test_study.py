@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from core.dataset import Dataset
+from core.evaluation.baselines import BASELINES
 from core.evaluation.rates import EPSILONS, evaluate
 from core.evaluation.study import METHODS, StudyRecipe, StudyResult, study
 from core.monitor import MonitorRecipe, train
@@ -75,7 +76,8 @@ def test_a_study_depends_only_on_its_seed(small: StudyResult):
 
 
 def test_study_counts_every_test_flight_once(small: StudyResult):
-    for method in small.methods.values():
+    assert small.methods.keys() == {*METHODS, *BASELINES}
+    for method in (*small.methods.values(), *small.own.values()):
         np.testing.assert_array_equal(method.n_unsafe + method.n_safe, 80)
         assert (method.misses <= method.n_unsafe).all()
         assert (method.false_alerts <= method.n_safe).all()
