@@ -256,15 +256,16 @@ class ChannelReader:
     def _sample(self, t: float, row: tuple[float, ...]) -> Sample:
         """A sample of the channels, then the attitude; implausible values are missing."""
         n, bounds = len(self._channels), self._bounds
-        y, reason = np.array(row[:n]), ""
+        y, reason, sent = np.array(row[:n]), "", None
         if any(map(gt, map(abs, row), bounds)):
             for c, channel in enumerate(self._channels):
                 if abs(row[c]) > bounds[c]:
                     text = f"{channel.key} of {row[c]:.4g} {channel.unit} is implausible"
                     reason, y[c] = reason or text, NAN
+            sent = np.array(row[:n])
         self._computed.fill(t, y)
         phi, theta, psi = row[n:]
-        return Sample(t, y, (phi, theta, psi), reason)
+        return Sample(t, y, (phi, theta, psi), reason, sent=sent)
 
     def _row(self, batch: Batch) -> tuple[float, ...]:
         """The only sample of a batch: the channels, then ATTITUDE."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from app.assessment.grid import missing_after
 from app.assessment.outcome import Alerts, Hole, Limited, RecordedExceedance, lost_in, runs
+from app.telemetry.timing.quality import Fault
 from core.limits.exceedance import SAME_TIME
 from core.monitor import Assessments
 from core.monitor.assessment import STATES, State
@@ -62,6 +63,21 @@ def why_exceedance_unknown(holes: Sequence[Hole], length: float, dt: float) -> s
         f"no sample of {longest.channel} from {longest.start:.2f} to {longest.end:.2f} s, "
         f"{lost:.2f} s missing in total; a limit may have been exceeded there"
     )
+
+
+def why_implausible(limited: Limited, faults: Sequence[Fault], start: float, end: float) -> str:
+    """Why "no exceedance" is uncertain, because of values that no aircraft reaches; "" if certain.
+
+    faults: of the recording.   start, end: of the manoeuvre [s].
+    """
+    kinds = {f"implausible:{peak.channel}": peak.channel for peak in limited.peaks}
+    for fault in faults:
+        if fault.kind in kinds and fault.start <= end and fault.end >= start:
+            return (
+                f"{kinds[fault.kind]} at {max(start, fault.start):.2f} s is beyond any plausible "
+                "value: check the sensor; a limit may have been exceeded there"
+            )
+    return ""
 
 
 def why_outcome_unknown(

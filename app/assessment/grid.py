@@ -44,7 +44,8 @@ class Sample(NamedTuple):
 
     reason: why it is unknown; empty if known.   condition: values of CONDITION_KEYS sent with it,
     NaN if unknown, None if not sent; None for no condition.   shown: arrival time at which it was
-    settled [s], on the grid.
+    settled [s], on the grid.   sent: y with the values that are missing because no aircraft can
+    reach them; None without any.
     """
 
     t: float
@@ -53,6 +54,7 @@ class Sample(NamedTuple):
     reason: str = ""
     condition: tuple[float | None, ...] | None = None
     shown: float = nan
+    sent: Array | None = None
 
 
 class Arrivals(NamedTuple):

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from app.assessment.compatibility import compatibility
-from app.assessment.coverage import why_outcome_unknown, why_warning_unknown
+from app.assessment.coverage import why_implausible, why_outcome_unknown, why_warning_unknown
 from app.assessment.limits_history import LimitsHistory
 from app.assessment.outcome import (
     MOST_OUTSIDE,
@@ -357,7 +357,10 @@ def _verdict(
     if not limits_known:
         pass
     elif limited.exceedance is None:
-        why = why_outcome_unknown(limited, judged.assessments, alerts, flight.monitor.dt)
+        ends = float(part["t"][0]), float(part["t"][-1])
+        why = why_implausible(limited, flight.quality.faults, *ends) or why_outcome_unknown(
+            limited, judged.assessments, alerts, flight.monitor.dt
+        )
     elif withdrawal is None and not _was_silent(judged):
         about = limited, limited.exceedance, judged.assessments, alerts, promised
         why = why_warning_unknown(*about, flight.monitor.dt)

@@ -77,7 +77,8 @@ class ReceivedExceedance(NamedTuple):
 
     t: flight time [s].   is_dated: False if the source's time is implausible; t is by arrival.
     y: (n_channels,) from trim, NaN where that is unknown.   recorded: the same including trim.
-    limits: that it exceeds.   beyond: see Ruling.
+    limits: that it exceeds.   beyond: see Ruling.   is_plausible: False if `recorded` is a value
+    that no aircraft can reach; y is then NaN there.
     """
 
     t: float
@@ -86,6 +87,7 @@ class ReceivedExceedance(NamedTuple):
     recorded: Array
     limits: Envelope
     beyond: str = ""
+    is_plausible: bool = True
 
     def exceeded(self, keys: Sequence[str]) -> Exceeded:
         """keys: of the channels."""
@@ -304,6 +306,9 @@ class CausalScorer:
             y = sample.y if self._trim is None else sample.y - self._trim.level
             if limits.exceeds(y) or (y is not sample.y and limits.exceeds(sample.y)):
                 about = y, sample.y, limits, beyond
+                self._exceedances.append(ReceivedExceedance(t, is_dated, *about))
+            elif sample.sent is not None and limits.exceeds(sample.sent):
+                about = y, sample.sent, limits, beyond, False
                 self._exceedances.append(ReceivedExceedance(t, is_dated, *about))
         if self._grid.n_clock_steps > n_steps:
             self._checks.restart()

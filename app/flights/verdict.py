@@ -40,6 +40,9 @@ FILLING = "filling the history"
 TRIM_UNKNOWN = "trim unknown"
 """Reason of an exceedance as recorded, of which it is unknown whether it is one from trim."""
 
+NOT_PLAUSIBLE = "beyond any plausible value: check the sensor"
+"""Reason of an exceedance by a value that no aircraft can reach."""
+
 
 class Circumstances(NamedTuple):
     """What else decides whether a flight was warned.
@@ -179,6 +182,8 @@ def _verdict(t: float, lead: float | None, text: str, result: Outcome, promised:
 
 def _as_recorded(t: float, reason: str = "") -> Verdict:
     text = f"{EXCEEDED} as recorded, {TRIM_UNKNOWN}" if TRIM_UNKNOWN in reason else AS_RECORDED
+    if NOT_PLAUSIBLE in reason:
+        text = f"{EXCEEDED}, {NOT_PLAUSIBLE}"
     return Verdict(exceeded_t=t, lead=None, text=text)
 
 

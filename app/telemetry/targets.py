@@ -146,8 +146,9 @@ def beyond_plausible(dictionary: Dictionary, y: Array) -> list[str]:
         if n := int((peaks > bound).sum()):
             texts.append(
                 f"{known.key} reaches {known.read(np.fmax.reduce(peaks))}, and exceeds "
-                f"{known.read(bound)} in {counted(n, 'flight')}: in flight such values count as "
-                "those of a failed sensor, so they are missing and exceed no limit"
+                f"{known.read(bound)} in {counted(n, 'flight')}; in flight such values count as "
+                "those of a failed sensor: nothing is assessed by them, and an alarm of a limit "
+                "that they exceed says so"
             )
     return texts
 

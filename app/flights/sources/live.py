@@ -36,7 +36,7 @@ from app.flights.sources.lag import Lag
 from app.flights.sources.simulated import SourceError
 from app.flights.sources.udp import UdpAccess, UdpReceiver
 from app.flights.transport import NotPossible
-from app.flights.verdict import TRIM_UNKNOWN
+from app.flights.verdict import NOT_PLAUSIBLE, TRIM_UNKNOWN
 from app.messages import ConditionSignal, LiveChange, LiveStatus, ManoeuvreBegun, TransportState
 from app.telemetry.journal import Journal, JournalFull, Journals
 from app.telemetry.recording import TelemetryError
@@ -166,6 +166,7 @@ class LiveFlight(Flight):
         self._newest_manoeuvre = 0
         self._unread: dict[str, None] = {}
         self._received: list[ReceivedExceedance] = []
+        self._implausible: Exceeded | None = None
         self._has_begun = False
         self._sent_status: LiveStatus | None = None
 
@@ -356,6 +357,8 @@ class LiveFlight(Flight):
         judged = [(sample, sample.exceeded(self._keys)) for sample in due]
         for sample, exceeded in judged:
             self.exceedances.add(*exceeded, sample.y, sample.limits)
+            if not sample.is_plausible:
+                self._implausible = exceeded
         return judged
 
     def begin_manoeuvre(self, by: str) -> asyncio.Future[None]:
@@ -561,12 +564,22 @@ class LiveFlight(Flight):
         self._hold(ruling, assessed.assessment.t)
         limits = self.plan.monitor.envelope if ruling is None else ruling.limits
         measured, t = exceedance(self._keys, limits, judged, recorded), assessed.assessment.t
-        exceeded = None if measured is None else Exceeded(t, measured)
+        exceeded = self._goes_on(t, recorded) if measured is None else Exceeded(t, measured)
         return assessed.y, assessed.assessment, exceeded, assessed.shown_attitude(self._display)
 
+    def _goes_on(self, t: float, recorded: Array) -> Exceeded | None:
+        """The exceedance of a channel that is missing at t [s]: its values are not plausible."""
+        if self._implausible is None or abs(t - self._implausible.t) > self._near:
+            return None
+        channel = self._implausible.measured.channel
+        is_missing = np.isnan(recorded[self._keys.index(channel)])
+        return self._implausible._replace(t=t) if is_missing else None
+
     def _remark(self, sample: ReceivedExceedance, exceeded: Exceeded) -> str:
-        unknown = self._unknown_trim(exceeded.measured, sample.y)
-        reasons = "" if sample.is_dated else TIME_UNKNOWN, sample.beyond, unknown
+        doubt = self._unknown_trim(exceeded.measured, sample.y)
+        if not sample.is_plausible:
+            doubt = NOT_PLAUSIBLE
+        reasons = "" if sample.is_dated else TIME_UNKNOWN, sample.beyond, doubt
         return "; ".join(filter(None, reasons))
 
     def _unknown_trim(self, exceeded: MeasuredExceedance | None, judged: Array) -> str:

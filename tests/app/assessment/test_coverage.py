@@ -67,6 +67,17 @@ def test_a_single_lost_sample_changes_nothing(attas: Monitor, calm: np.ndarray):
     assert manoeuvre.validity.valid
 
 
+@pytest.mark.parametrize(("column", "value"), [(NY, 1e3), (0, 1e3)])
+def test_a_single_implausible_sample_of_a_limited_channel_is_not_quiet(
+    attas: Monitor, calm: np.ndarray, column: int, value: float
+):
+    odd = calm.copy()
+    odd[100, column] = value
+    manoeuvre = only(attas, recorded(odd))
+    assert manoeuvre.outcome == ("unseen" if column == NY else "quiet")
+    assert any("check the sensor" in line for line in manoeuvre.remarks) == (column == NY)
+
+
 @pytest.mark.parametrize("way", ["cut", "nan"])
 def test_the_real_doublet_without_its_exceedance_is_unseen(attas: Monitor, way: str):
     channels = {}

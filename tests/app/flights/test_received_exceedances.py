@@ -7,7 +7,7 @@ import pytest
 
 from core.channels import KEYS
 from tests.support.live_server import LiveServer, alarms_of, live_server
-from tests.support.patience import PATIENCE
+from tests.support.patience import PATIENCE, until
 
 DT = 0.05
 
@@ -72,3 +72,42 @@ def test_a_sample_that_reaches_the_grid_too_is_one_exceedance(server: LiveServer
     httpx2.post(f"{flight}/end").raise_for_status()
     (of_channel,) = httpx2.get(flight).raise_for_status().json()["exceedances"]
     assert of_channel["n"] == 1
+
+
+@pytest.mark.parametrize("trim", ["none", "detected"])
+def test_a_value_beyond_the_plausible_ones_is_no_calmer_than_an_exceedance(
+    server: LiveServer, trim: str
+) -> None:
+    flight = start(server, trim)
+    push(flight, GOOD, 0.0)
+    beyond = [GOOD[-1] + k * DT for k in range(1, 12)]
+    push(flight, beyond[:4], 45.0)
+    (alarm,) = alarms_of(flight, "limit")
+    assert "check the sensor" in alarm["reason"]
+    assert (alarm["t"], alarm["exceedance"]["value"]) == (pytest.approx(beyond[0]), 45.0)
+    path = f"{flight}/alarms/{alarm['id']}/acknowledge"
+    httpx2.post(path, json={"by": "FTE"}).raise_for_status()
+    for t in beyond[4:]:
+        push(flight, [t], 45.0)
+
+    def exceeding() -> bool:
+        return httpx2.get(flight).raise_for_status().json()["status"] == "exceeding"
+
+    assert until(exceeding)
+    assert len(alarms_of(flight, "limit")) == 1
+    httpx2.post(f"{flight}/end").raise_for_status()
+    ended = httpx2.get(flight).raise_for_status().json()
+    assert ended["exceeded_t"] == alarm["t"]
+    assert ended["status"] not in ("ok", "no_alert")
+    assert "check the sensor" in ended["verdict"]["text"]
+    assert (ended["exceedances"][0]["n"], ended["exceedances"][0]["worst"]) == (1, 45.0)
+
+
+def test_a_value_beyond_the_plausible_ones_within_the_limits_is_none(server: LiveServer) -> None:
+    flight = start(server, "none")
+    push(flight, GOOD, 0.0)
+    channels = dict.fromkeys(KEYS, [0.0] * 4) | {"delta_a": [40.0] * 4}
+    times = [GOOD[-1] + k * DT for k in range(1, 5)]
+    httpx2.post(f"{flight}/samples", json={"t": times, **channels}).raise_for_status()
+    httpx2.post(f"{flight}/end").raise_for_status()
+    assert httpx2.get(flight).raise_for_status().json()["exceeded_t"] is None
