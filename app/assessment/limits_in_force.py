@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from app.assessment.rulings import ConditionRule, Ruling
+from app.telemetry.targets import check_limits
 from core.channels import LATERAL
 from core.conditions import ConditionKey
 from core.flight_events import FlightLimits
@@ -80,6 +81,13 @@ class LimitsRule(ConditionRule[LimitsRuling]):
     def _without(self, reason: str) -> LimitsRuling:
         reasons = (f"{LIMITS_UNKNOWN}: {reason}",) * len(self._own)
         return LimitsRuling(None, None, "", reasons, Cause.LIMITS_UNKNOWN, self.in_force)
+
+
+def check_plausible(limits: LimitSet) -> None:
+    """TelemetryError for a limit that no plausible value can exceed."""
+    for case in limits.cases:
+        for channel, limit in zip(LATERAL.channels, case.limits.magnitudes, strict=True):
+            check_limits(channel, limit)
 
 
 class RequestedLimits(NamedTuple):

@@ -4,7 +4,12 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
-from app.assessment.limits_in_force import LimitsInForce, LimitsRuling, RequestedLimits
+from app.assessment.limits_in_force import (
+    LimitsInForce,
+    LimitsRuling,
+    RequestedLimits,
+    check_plausible,
+)
 from app.flights.display_monitors import ALIKE
 from app.flights.sources.simulated import SourceError
 from app.messages import LimitsStatus
@@ -29,7 +34,8 @@ def change_of_limits(
 ) -> RequestedLimits:
     """A version of a limit set, the newest if None; for a thread.
 
-    NotFound; SourceError for a monitor of other channels.
+    NotFound; SourceError for a monitor of other channels; TelemetryError for a limit that no value
+    can exceed, as in a set of an earlier version.
     """
     if monitor.dictionary != LATERAL:
         raise SourceError(
@@ -38,6 +44,7 @@ def change_of_limits(
         )
     stored = store.limit_sets.version(limit_set, version)
     limits, monitors = stored.limits, store.monitors.all()
+    check_plausible(limits)
     serving = tuple(_serving(monitor, case.limits, monitors) for case in limits.cases)
     return RequestedLimits(stored.limit_set, stored.name, stored.version, limits, serving, fixed)
 

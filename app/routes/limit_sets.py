@@ -6,6 +6,7 @@ from typing import Annotated, Self
 from fastapi import APIRouter, Path
 from pydantic import BaseModel, Field, JsonValue, model_validator
 
+from app.assessment.limits_in_force import check_plausible
 from app.flights.flight_limits import to_store
 from app.http.problems import problem_responses
 from app.json_codec import Whole
@@ -23,8 +24,6 @@ from app.routes.dependencies import (
 )
 from app.store.limit_sets import LimitSetInfo, StoredLimits
 from app.store.people import LOCAL
-from app.telemetry.targets import check_limits
-from core.channels import CHANNELS
 from core.conditions import ConditionKey, check_declared
 from core.flight_events import FlightLimits
 from core.limits.limit_sets import LimitSet, limit_set_from_plain
@@ -60,9 +59,7 @@ class LimitsText(BaseModel):
         """The limits; Problem 422 if they contradict each other."""
         with refused(422, "limit-set", ValueError):
             limits = limit_set_from_plain([case.model_dump() for case in self.cases])
-            for case in limits.cases:
-                for channel, limit in zip(CHANNELS, case.limits.magnitudes, strict=True):
-                    check_limits(channel, limit)
+            check_plausible(limits)
             return limits
 
 

@@ -25,6 +25,7 @@ from app.telemetry.contents import open_columns
 from app.telemetry.journal import Journals
 from app.telemetry.mapping.mapping import Mapping, TimeSource
 from app.telemetry.reading import read_file
+from app.telemetry.recording import TelemetryError
 from core.channels import KEYS
 from core.limits.limit_sets import LimitSet, limit_set_from_plain
 from core.limits.limits import Limits
@@ -89,6 +90,23 @@ def test_a_version_is_never_changed(run: Callable) -> None:
         assert [one.limits for one in stored] == [BY_MACH, TIGHT, OWN]
         assert (stored[1].by, stored[1].text) == ("Ben", "after test point 6")
         assert [one.newest for one in place.store.limit_sets.all()] == [3]
+
+    run(test)
+
+
+def test_limits_that_no_value_can_exceed_are_not_put_in_force(run: Callable) -> None:
+    """They may be stored by an earlier version, which accepted them."""
+
+    async def test(place: Range) -> None:
+        own = place.add(monitor(), "own")
+        beyond = place.store.limit_sets.add("beyond", limit_set(("all", {}, 35.0)), "Ann").limit_set
+        async with place.flights() as flights:
+            flight = await place.fly(flights, monitor=own, limit_set_version=1)
+            with pytest.raises(TelemetryError, match="35"):
+                await flights.put_in_force(flight.id, beyond, None, {}, "Ben")
+            assert flight.limits.limit_set == place.limits
+            with pytest.raises(TelemetryError, match="no value would exceed it"):
+                await place.fly(flights, monitor=own, limit_set=beyond)
 
     run(test)
 
