@@ -257,11 +257,13 @@ class LiveFlight(Flight):
         began, now = map(datetime.fromisoformat, (self._began_utc, self.clock.utc()))
         arrival = max((now - began).total_seconds(), float(rest[-1]["a"]) if rest else 0.0)
         self._began = self.clock.now() - arrival
-        unrecorded, replayed = [], []
+        unrecorded, replayed, alert_t = [], [], None
         for assessed in self._settled_until(rest, arrival):
             replayed += self._judged_received(assessed.assessment.t)
             if self.head < stored:
                 self._follow(*self._flown(assessed), assessed.display)
+                if (alert := assessed.assessment.alert) is not None:
+                    alert_t = (alert_t or assessed.assessment.t) if alert else None
             else:
                 unrecorded.append(assessed)
         self.markers = {marker.number: marker for marker in markers[-MARKERS_KEPT:]}
@@ -271,6 +273,9 @@ class LiveFlight(Flight):
         active: list[AlarmKind] = [d.kind for d in self.scorer.doubts if (d.kind, d.t) in known]
         if any(self._is_alarmed(self.t, key, stored_t) for key in self.exceedances.over):
             active.append("limit")
+        risks = [alarm.t for alarm in alarms if alarm.kind == "risk"]
+        if alert_t is not None and max(risks, default=-inf) > alert_t - REJOIN_S:
+            active.append("risk")
         self.alarms.restore(alarms, active)
         self._received = [
             sample

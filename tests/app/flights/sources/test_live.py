@@ -4,6 +4,7 @@ import asyncio
 import json
 import socket
 from collections.abc import Callable, Coroutine
+from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -194,6 +195,29 @@ def test_an_exceedance_that_outlasts_a_restart_is_one_alarm(tmp_path: Path) -> N
                 again.acknowledge("1", "FTE", "now")
             counts.append([alarm.kind for alarm in again.alarms.at_hand].count("limit"))
         assert counts == [1] * 10 + [2] * 10
+        await again.stop("enough")
+
+    flown(fly, tmp_path)
+
+
+def test_an_acknowledged_risk_that_outlasts_a_restart_rings_no_more(tmp_path: Path) -> None:
+    async def fly(live: Live, y: Array) -> None:
+        k = 0
+        while not (alarms := [a for a in live.flight.alarms.at_hand if a.kind == "risk"]):
+            await live.push(k, y[k]).stored
+            k += 1
+        for _ in range(2):
+            await live.push(k, y[k]).stored
+            k += 1
+        assert live.flight.facts.alert
+        acknowledged = [replace(alarm, acknowledged="now", by="FTE") for alarm in alarms]
+        again = live.another(SilentRecorder(live.clock))
+        lines = lines_of(live.journals.path(again.id))
+        again.resume(again.restore(lines, live.flight.head, acknowledged, []))
+        live.clock.advance(DT)
+        again.receive(batch(k, y[k]), "rest")
+        assert again.facts.alert
+        assert [a.kind for a in again.alarms.at_hand].count("risk") == 1
         await again.stop("enough")
 
     flown(fly, tmp_path)
