@@ -14,6 +14,7 @@ from app.recipes.labels import kind_label
 from app.store.flights import FlightInfo
 from app.store.monitors import MonitorInfo
 from app.store.store import Store
+from core.evaluation.certificate import warnings_of
 from core.limits.limits import specification_to_plain
 from core.monitor import Monitor
 from core.recipe import to_plain
@@ -33,6 +34,12 @@ class DisplayMonitor(NamedTuple):
     name: str
     monitor: Monitor
     epsilon: float
+
+    @property
+    def warnings(self) -> list[str]:
+        """Reasons not to rely on it."""
+        is_calibrated = self.monitor.support is not None
+        return warnings_of(self.monitor.evaluation, self.epsilon, is_calibrated=is_calibrated)
 
 
 def check_has_limits(monitor_id: str, monitor: Monitor) -> None:

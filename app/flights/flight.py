@@ -71,7 +71,6 @@ from app.messages import (
     validity_word,
 )
 from app.scene.shown import KnownAngles, Shown
-from core.evaluation.certificate import warnings_of
 from core.flight_events import FLIGHT_MARKERS, Alarm, FlightMarker, FlightMarkerKey
 from core.limits.exceedance import Exceedances, Exceeded
 from core.limits.limits import (
@@ -90,8 +89,8 @@ if TYPE_CHECKING:
 
 LOG = logging.getLogger("forewarn")
 HEARTBEAT_S = 1.0
-AHEAD_S = 0.1
-"""[s] of flight between two forecasts of the rest of the card."""
+AHEAD_S, UNWATCHED_AHEAD_S = 0.1, 0.5
+"""[s] of flight between two forecasts of the rest of the card, and while no one watches."""
 MOST_HELD = 200
 """Newest changes of the limits that a joining watcher receives."""
 MARKERS_KEPT = 50
@@ -253,7 +252,7 @@ class Flight(ABC):
         return [
             flown_monitor(
                 *shown,
-                warnings_of(shown.monitor.evaluation, shown.epsilon),
+                shown.warnings,
                 delay=delay,
                 is_authority=shown is authority and self._is_authority_in_use,
             )
@@ -508,7 +507,7 @@ class Flight(ABC):
             "validity": validity_word(self.is_checked),
             "monitor": {"id": authority_id, "name": name} if self._is_authority_in_use else None,
             "monitors": self.monitors,
-            "warnings": warnings_of(monitor.evaluation, epsilon),
+            "warnings": self._authority.warnings,
             "card": planned_card(monitor, self.plan.points.get(authority_id)),
             "no_rest": no_rest(monitor),
             "monitor_set": self.monitor_set,
@@ -631,13 +630,15 @@ class Flight(ABC):
         self.exceedances.update(at, y, self._limits, named)
 
     def _ahead_of(self, assessment: Assessment) -> Ahead | None:
-        """Forecast of the rest of the card: while watched, each AHEAD_S and at the last sample."""
-        passed = assessment.t - self._ahead_t
-        is_apart = self._is_at_end or not 0 <= passed < AHEAD_S - 1e-6
+        """Forecast of the rest of the card, from time to time and at the last sample."""
+        passed, every = assessment.t - self._ahead_t, AHEAD_S
+        if not self._watchers:
+            every = UNWATCHED_AHEAD_S
+        is_apart = self._is_at_end or not 0 <= passed < every - 1e-6
         is_assessed = assessment.p_value is not None and not self._late
-        if self._watchers and is_assessed and not is_apart:
+        if is_assessed and not is_apart:
             return None
-        ahead = self._ahead_by(assessment) if self._watchers else None
+        ahead = self._ahead_by(assessment)
         self._is_predicted = ahead is not None and ahead.exceeds
         if ahead is not None:
             self._ahead_t = assessment.t

@@ -9,7 +9,6 @@ from app.store.flights import FlightInfo
 from app.store.monitor_sets import MonitorSetInfo
 from app.store.store import Store
 from core.conditions import ConditionKey
-from core.evaluation.certificate import warnings_of
 from core.limits.limits import Envelope
 from core.monitor.monitor_set import MonitorCase, MonitorSet
 
@@ -53,7 +52,7 @@ def set_status(
             monitor=shown.id,
             monitor_name=shown.name,
             alert_above=shown.monitor.alert_above(shown.epsilon),
-            warnings=warnings_of(shown.monitor.evaluation, shown.epsilon),
+            warnings=shown.warnings,
         )
         for each, shown in zip(in_use.monitors.cases, members(in_use), strict=True)
     ]

@@ -12,6 +12,7 @@ from app.routes.dependencies import PlainBody, StoreDep, body_of, json_response,
 from app.telemetry.recording import ATTITUDE, Recording, TelemetryError
 from core.channels import CHANNELS, KEYS, Dictionary
 from core.computed import fill
+from core.evaluation.certificate import warnings_of
 from core.monitor import Monitor
 from core.monitor.assessment import Exemplar
 
@@ -60,6 +61,11 @@ class AssessedTelemetry(BaseModel):
 
     epsilon: float = Field(description="miss rate of the alerts")
     lead: float = Field(description="promised lead time [s]")
+    warnings: list[str] = Field(description="reasons not to rely on the monitor")
+    exceeded_t: float | None = Field(
+        description="first sample beyond a limit [s], whatever its risk; null: none, or the "
+        "limits are unknown"
+    )
     assessments: list[AssessedSample]
 
 
@@ -153,4 +159,10 @@ def score_telemetry(
     with refused(422, "epsilon", ValueError):
         served = monitor.check_epsilon(epsilon)
     assessments = assessed(monitor, recording, served, why=why)
-    return json_response({"epsilon": served, "lead": monitor.lead, "assessments": assessments})
+    calibrated = monitor.support is not None
+    warnings = warnings_of(monitor.evaluation, served, is_calibrated=calibrated)
+    limits = monitor.envelope
+    beyond = [] if limits is None else recording.t[limits.exceeds(recording.y)].tolist()
+    about = {"epsilon": served, "lead": monitor.lead, "warnings": warnings}
+    about["exceeded_t"] = beyond[0] if beyond else None
+    return json_response(about | {"assessments": assessments})

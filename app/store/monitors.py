@@ -151,7 +151,8 @@ class MonitorRepository(Entries[MonitorInfo]):
     ) -> MonitorInfo:
         if dataset_id is not None:
             self._check_dataset(monitor, dataset_id)
-        measured = _measured(monitor.evaluation, monitor.recipe.epsilon)
+        is_calibrated = monitor.support is not None
+        measured = _measured(monitor.evaluation, monitor.recipe.epsilon, is_calibrated)
         info = MonitorInfo(
             id=new_id(),
             name=name,
@@ -263,7 +264,7 @@ class MonitorRepository(Entries[MonitorInfo]):
         return MonitorInfo(
             **values,
             support=support and SupportInfo(**support),
-            **_measured(_evaluation(stored), epsilon or values["epsilon"]),
+            **_measured(_evaluation(stored), epsilon or values["epsilon"], support is not None),
         )
 
 
@@ -271,13 +272,15 @@ def _evaluation(stored: dict[str, Any] | None) -> dict[str, Any] | None:
     return {key: value for key, value in (stored or {}).items() if key != SUPPORT} or None
 
 
-def _measured(evaluation: dict[str, Any] | None, epsilon: float) -> dict[str, Any]:
+def _measured(
+    evaluation: dict[str, Any] | None, epsilon: float, is_calibrated: bool
+) -> dict[str, Any]:
     """What fresh flights show at an epsilon: the fields of a MonitorInfo that follow from it."""
     tested = certificate(evaluation, epsilon)
     return {
         "missed": tested and tested.missed,
         "quiet": tested and tested.quiet,
-        "warnings": warnings_of(evaluation, epsilon),
+        "warnings": warnings_of(evaluation, epsilon, is_calibrated=is_calibrated),
     }
 
 

@@ -20,6 +20,9 @@ UNTESTED = (
     "the monitor was not tested on fresh flights: its miss rate and the share of safe flights "
     "without a false alarm are unknown"
 )
+UNCALIBRATED = (
+    "validity is not calibrated: the monitor cannot tell whether a flight resembles its training"
+)
 
 USES = {
     "train and calibrate": "calibrated",
@@ -156,12 +159,18 @@ def with_power_of_quiet(evaluation: Mapping[str, Any]) -> dict[str, Any]:
     return {**evaluation, "at_epsilon": at | powers(at), "curves": curves | powers(curves)}
 
 
-def warnings_of(evaluation: Mapping[str, Any] | None, epsilon: float) -> list[str]:
-    """Warnings to show wherever a monitor appears; also that it was not tested."""
+def warnings_of(
+    evaluation: Mapping[str, Any] | None, epsilon: float, *, is_calibrated: bool = True
+) -> list[str]:
+    """Warnings to show wherever a monitor appears; also that it was not tested.
+
+    is_calibrated: whether its validity is.
+    """
+    unchecked = [] if is_calibrated else [UNCALIBRATED]
     tested = certificate(evaluation, epsilon)
     if evaluation is None or tested is None:
-        return [UNTESTED]
-    return [*tested.warnings, *_no_gain(evaluation), *_off_the_plan(evaluation)]
+        return [UNTESTED, *unchecked]
+    return [*tested.warnings, *_no_gain(evaluation), *_off_the_plan(evaluation), *unchecked]
 
 
 def calibrated_on(evaluation: Mapping[str, Any] | None) -> str:

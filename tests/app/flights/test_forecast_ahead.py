@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from app.flights.display_monitors import no_rest
+from app.flights.flight import UNWATCHED_AHEAD_S
 from app.flights.shown_flight import ShownFlight
 from app.flights.sources import playback
 from app.flights.sources.playback import AssessedTrack
@@ -116,15 +117,24 @@ def test_the_rest_is_told_a_tenth_of_a_second_apart_and_by_the_first_sample_afte
     assert times_told(flown)[4:] == pytest.approx([0.95])
 
 
-def test_the_rest_is_forecast_for_nobody_while_nobody_watches(monkeypatch: pytest.MonkeyPatch):
+def test_the_rest_is_forecast_less_often_while_no_one_watches(monkeypatch: pytest.MonkeyPatch):
     flown = flown_through(peak_trained(), flights()[0])
     asked: list[int] = []
     monkeypatch.setattr(AssessedTrack, "forecast_ahead", lambda _, k: asked.append(k))
     flown.flight.act("seek", 1.0)
     assert len(asked) == 1
     flown.flight.leave(flown.seen.watcher)
+    forecast = PeakAhead(2.0, 0.5, 0.1)
+    monkeypatch.setattr(
+        AssessedTrack, "forecast_ahead", lambda _, k: [asked.append(k), forecast][1]
+    )
     flown.flight.act("seek", 2.0)
-    assert len(asked) == 1
+    n_steps = round(UNWATCHED_AHEAD_S / flown.flight.dt)
+    for _ in range(n_steps - 1):
+        flown.flight.act("step", 1)
+    assert len(asked) == 2
+    flown.flight.act("step", 1)
+    assert len(asked) == 3
 
 
 def test_nothing_is_told_of_the_rest_by_a_sample_that_was_not_assessed_or_is_not_of_now():
@@ -237,6 +247,10 @@ def test_a_flight_is_not_ok_while_its_forecast_exceeds_a_limit(monkeypatch: pyte
     assert Seen(flight.watch()).take()[0]["status"] == "no_alert"
     flight.act("step", 1)
     assert flight.headline.status is Status.NO_ALERT  # until the next forecast
+    for watcher in [*flight._watchers]:
+        flight.leave(watcher)
+    assert seek(2.0, 0.99) is Status.OK
+    assert seek(3.0, 1.0) is Status.NO_ALERT  # also where no one watches
     script.late = lambda k: "it came late"
     flight.act("step", 1)
     assert not flight.facts.predicted

@@ -16,7 +16,7 @@ from app.flights import watcher
 from app.flights.flights import Flights
 from app.flights.watcher import CREDIT, NEWEST, TICK_S, FrameTicks
 from app.messages import Hello
-from core.evaluation.certificate import UNTESTED
+from core.evaluation.certificate import UNCALIBRATED, UNTESTED
 from core.monitor import MonitorRecipe, train
 from core.planned_test.collection import collect
 from tests.app.flights.test_flights import RECIPE, monitor
@@ -441,11 +441,11 @@ def test_a_useless_monitor_needs_acceptance_to_fly(server: Server) -> None:
     over = server.client.get(f"{URL}/{flown['id']}").json()
     assert over["accept_useless"] is True
     warnings = server.client.get(f"/api/v1/monitors/{monitor_id}").json()["warnings"]
-    assert len(warnings) == 1
+    assert warnings[1:] == [UNCALIBRATED]
     assert [flown["warnings"], hello.warnings, over["warnings"]] == [warnings] * 3
     untested = server.start()
     assert untested["accept_useless"] is False, "one that was not tested may be flown"
-    assert untested["warnings"] == [UNTESTED]
+    assert untested["warnings"] == [UNTESTED, UNCALIBRATED]
 
 
 def test_one_flight_too_many_is_refused(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from scipy import stats
 from app.jobs.training import fly_test
 from app.recipes.recipes import as_ordered, from_plain
 from core.channels import KEYS, significant
+from core.evaluation.certificate import UNCALIBRATED, warnings_of
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.calibration import confident_rank, rank, threshold
 from core.monitor.file.loading import from_bytes
@@ -37,15 +38,31 @@ def telemetry(y, dt):
     return {"t": t} | dict(zip(KEYS, y.T.tolist(), strict=True))
 
 
+def test_a_monitor_without_calibrated_validity_has_a_warning(client, monitor, stored):
+    path, body = f"/api/v1/monitors/{stored}", telemetry(np.zeros((3, 6)), monitor.dt)
+    for answer in (client.get(path), client.post(f"{path}/score", json=body)):
+        assert UNCALIBRATED in answer.json()["warnings"]
+    assert UNCALIBRATED not in warnings_of(monitor.evaluation, 0.2, is_calibrated=True)
+
+
+def test_a_score_names_the_first_sample_beyond_a_limit(client, monitor, stored):
+    y = np.zeros((40, 6))
+    y[30:35] = 10.0
+    path = f"/api/v1/monitors/{stored}/score"
+    answer = client.post(path, json=telemetry(y, monitor.dt)).json()
+    assert answer["exceeded_t"] == pytest.approx(30 * monitor.dt)
+    assert client.post(path, json=telemetry(y[:20], monitor.dt)).json()["exceeded_t"] is None
+
+
 def test_warnings_are_those_at_the_requested_epsilon(client, monitor):
     curves = {"epsilon": [0.2, 0.5], "misses": [4, 4], "false_alerts": [195, 0]}
     at_epsilon = {"misses": 4, "false_alerts": 195}
     counts = {"epsilon": 0.2, "n_unsafe": 100, "n_safe": 200}
     tested = replace(monitor, evaluation=counts | {"at_epsilon": at_epsilon, "curves": curves})
     path = f"/api/v1/monitors/{store_of(client).monitors.add(tested, 'tested').id}"
-    (useless,) = client.get(path).json()["warnings"]
+    useless, unchecked = client.get(path).json()["warnings"]
     assert useless.startswith("the monitor is of no use: ")
-    assert client.get(path, params={"epsilon": 0.5}).json()["warnings"] == []
+    assert client.get(path, params={"epsilon": 0.5}).json()["warnings"] == [unchecked]
     problem(client.get(path, params={"epsilon": "nan"}), 422)
 
 

@@ -11,7 +11,7 @@ from app.recordings import scored as scored_recordings
 from app.recordings.files import Verified
 from app.recordings.recordings import Recordings
 from app.recordings.samples import open_samples
-from core.evaluation.certificate import UNTESTED
+from core.evaluation.certificate import UNCALIBRATED, UNTESTED
 from core.monitor import MonitorRecipe, train
 from tests.support.api import api, problem, store_of
 from tests.support.oscillator import DT
@@ -70,7 +70,7 @@ def test_a_recording_is_scored_and_the_scoring_stored(client, recording, monitor
     info = client.get(f"/api/v1/monitors/{monitor}").json()
     assert scoring["monitor_digest"] == info["digest"]
     assert (scoring["monitor_name"], scoring["epsilon"]) == ("oscillator", 0.2)
-    assert scoring["warnings"] == [UNTESTED]
+    assert scoring["warnings"] == [UNTESTED, UNCALIBRATED]
     assert scoring["mapping"] == recording["mapping"]
     assert scoring["request"] == {"epsilon": 0.2} | WHOLE
     assert scoring["n_samples"] == len(flight)
