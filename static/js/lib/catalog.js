@@ -47,10 +47,11 @@ export function isSimulated({ dataset_recipe, recipe = {} }) {
 
 /** Aircraft and manoeuvre of a monitor or a dataset. */
 export function testNames(catalog, entry) {
-  const { aircraft, maneuver, simulator, flown } = entry.dataset_recipe ?? entry.recipe ?? {};
+  const { aircraft, maneuver, pilot, simulator, flown } = entry.dataset_recipe ?? entry.recipe ?? {};
   const added = flown ? " with flown flights" : "";
   if (!aircraft) return [(simulator ? `own simulator ${simulator}` : "own rollouts") + added, "not recorded"];
-  return [aircraftName(catalog, aircraft) + added, kindName(catalog, "maneuver", maneuver)];
+  const inLoop = pilot && pilot.kind !== "open_loop" ? ", pilot in the loop" : "";
+  return [aircraftName(catalog, aircraft) + added, kindName(catalog, "maneuver", maneuver) + inLoop];
 }
 
 export function testWords(catalog, entry) {
@@ -65,9 +66,10 @@ export function channelsOf(catalog, { dictionary }) {
 
 export const channelName = ({ symbol, label }) => (label === symbol ? symbol : `${symbol} ${label}`);
 
-/** By channel; of a monitor or a dataset that was not simulated, too. */
+/** By channel; of a monitor or a dataset that was not simulated, too. Null where failures are known by label only. */
 export function ownLimits({ limits, dataset_recipe, recipe = dataset_recipe }) {
-  return limits !== null && typeof limits === "object" ? limits : (recipe?.limits ?? null);
+  if (typeof limits === "string") return null;
+  return limits ?? recipe?.limits ?? null;
 }
 
 export function limitWords({ channels }, limits) {
