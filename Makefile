@@ -1,4 +1,4 @@
-.PHONY: demo study studies test fuzz services lint types types-page bench command-line pictures clean
+.PHONY: demo study studies test fuzz services lint types types-page bench command-line pictures wheelhouse clean
 VENV := .venv
 BIN := $(VENV)/bin
 PYTHON ?= python3
@@ -55,6 +55,13 @@ command-line: $(READY) ## write the guide's page on the command line from the pa
 pictures: $(READY) ## take the guide's pictures of the pages in Chromium, and draw its figures
 	$(BIN)/python -m tests.support.guide_pictures
 
+wheelhouse: ## all that an installation without a network needs, in the folder wheelhouse
+	rm -rf wheelhouse && mkdir wheelhouse
+	$(PYTHON) -m pip wheel --quiet --no-deps --wheel-dir wheelhouse .
+	$(PYTHON) -m pip download --quiet --only-binary :all: --dest wheelhouse --find-links wheelhouse \
+	    'forewarn[ulog,mdf,fmu,jsbsim,postgres,dask] @ file://$(CURDIR)/'wheelhouse/$$(cd wheelhouse && ls forewarn-*.whl)
+	cp app/upkeep/offline.py wheelhouse/install.py
+
 $(RUNS): pyproject.toml
 	@echo "Making $(VENV) with what the program needs: about 0.9 GB and 2.5 minutes."
 	$(PYTHON) -m venv $(VENV)
@@ -70,4 +77,4 @@ $(READY): pyproject.toml
 	@touch $(RUNS) $@
 
 clean: ## forget the virtual environment and all results
-	rm -rf $(VENV) results
+	rm -rf $(VENV) results wheelhouse
