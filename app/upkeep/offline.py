@@ -34,7 +34,7 @@ MIGRATE = "import sys; from app.store.store import open_store; open_store(sys.ar
 IS_WINDOWS = os.name == "nt"
 
 
-class Refused(Exception):
+class InstallError(Exception):
     """What was given, what is needed, and what to do."""
 
 
@@ -49,7 +49,7 @@ def main() -> int:
     data = options.data_dir and options.data_dir.absolute()
     try:
         done = go_back(into) if options.back else install(into, data, options.extras)
-    except Refused as error:
+    except InstallError as error:
         print(f"install: {error}", file=sys.stderr)
         return 1
     print(done)
@@ -57,13 +57,13 @@ def main() -> int:
 
 
 def install(into: Path, data: Path | None, extras: str, wheels: Path | None = None) -> str:
-    """Install the version of a folder of wheels, and make it the current one. Refused."""
+    """Install the version of a folder of wheels, and make it the current one. InstallError."""
     wheels = wheels or Path(__file__).resolve().parent
     version = _version(wheels)
     place = into / "versions" / version
     history = _history(into)
     if any(each["version"] == version for each in history):
-        raise Refused(f"{version} is installed in {into}: give the folder of another version")
+        raise InstallError(f"{version} is installed in {into}: give the folder of another version")
     _check_stopped(data)
     shutil.rmtree(place, ignore_errors=True)  # of an installation that was interrupted
     before = into / "before" / version
@@ -80,7 +80,9 @@ def install(into: Path, data: Path | None, extras: str, wheels: Path | None = No
         shutil.rmtree(before, ignore_errors=True)
         if isinstance(error, subprocess.CalledProcessError):
             reason = (error.stderr or "").strip().splitlines() or [str(error)]
-            raise Refused(f"{version} was not installed, nothing changed: {reason[-1]}") from None
+            raise InstallError(
+                f"{version} was not installed, nothing changed: {reason[-1]}"
+            ) from None
         raise
     entry = {"version": version, "data": data and str(data), "kept": kept}
     _write(into / "history.json", json.dumps([*history, entry], indent=1))
@@ -89,10 +91,10 @@ def install(into: Path, data: Path | None, extras: str, wheels: Path | None = No
 
 
 def go_back(into: Path) -> str:
-    """Return to the version before: program, database and journals. Refused."""
+    """Return to the version before: program, database and journals. InstallError."""
     history = _history(into)
     if len(history) < 2:
-        raise Refused(f"{into} holds {len(history)} version(s): there is none to go back to")
+        raise InstallError(f"{into} holds {len(history)} version(s): there is none to go back to")
     *rest, newest = history
     data = newest["data"] and Path(newest["data"])
     _check_stopped(data)
@@ -147,7 +149,7 @@ def _copy_database(source: Path, to: Path) -> None:
 
 
 def _check_stopped(data: Path | None) -> None:
-    """Refused while a server holds the data directory."""
+    """InstallError while a server holds the data directory."""
     if data is None or not (data / LOCK).exists():
         return
     with (data / LOCK).open("a") as lock:
@@ -162,13 +164,15 @@ def _check_stopped(data: Path | None) -> None:
 
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            raise Refused(f"a server uses {data}: stop it first") from None
+            raise InstallError(f"a server uses {data}: stop it first") from None
 
 
 def _version(wheels: Path) -> str:
     found = sorted(wheels.glob("forewarn-*.whl"))
     if len(found) != 1:
-        raise Refused(f"{wheels} holds {len(found)} wheels of forewarn: give a folder with one")
+        raise InstallError(
+            f"{wheels} holds {len(found)} wheels of forewarn: give a folder with one"
+        )
     return found[0].name.split("-")[1]
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from filelock import FileLock
 
-from app.upkeep.offline import Refused, go_back, install
+from app.upkeep.offline import InstallError, go_back, install
 
 OPENS = """
 import sqlite3
@@ -83,7 +83,7 @@ def first(tmp_path_factory: pytest.TempPathFactory) -> Range:
 
 def test_an_upgrade_that_fails_changes_nothing(first: Range) -> None:
     wheels = wheelhouse(first.root / "wheels 3", "3.0", "raise ValueError('no room')")
-    with pytest.raises(Refused, match=r"3\.0 was not installed, nothing changed: .*no room"):
+    with pytest.raises(InstallError, match=r"3\.0 was not installed, nothing changed: .*no room"):
         install(first.into, first.data, "", wheels)
     assert first.installed() == "1.0"
     assert not (first.into / "versions" / "3.0").exists()
@@ -109,16 +109,16 @@ def test_going_back_restores_program_database_and_journals(first: Range) -> None
 
 
 def test_there_is_no_way_back_from_the_first_version(first: Range) -> None:
-    with pytest.raises(Refused, match="none to go back to"):
+    with pytest.raises(InstallError, match="none to go back to"):
         go_back(first.into)
 
 
 def test_a_running_server_is_left_alone(first: Range) -> None:
     wheels = wheelhouse(first.root / "wheels 4", "4.0")
-    with FileLock(first.data / "forewarn.lock"), pytest.raises(Refused, match="stop it first"):
+    with FileLock(first.data / "forewarn.lock"), pytest.raises(InstallError, match="stop it first"):
         install(first.into, first.data, "", wheels)
 
 
 def test_a_folder_without_a_wheel_is_refused(first: Range) -> None:
-    with pytest.raises(Refused, match="holds 0 wheels"):
+    with pytest.raises(InstallError, match="holds 0 wheels"):
         install(first.into, None, "", first.root)
