@@ -37,7 +37,10 @@ from app.flights.sources.udp import UdpAccess
 from app.json_codec import Whole
 from app.messages import Mode
 from app.recipes.recipes import SimulatedHere, default_test, from_plain, simulated_test
+from app.recordings.files import digest_of
+from app.recordings.flown_journal import journal_damage
 from app.recordings.scored import ScoredRecordings
+from app.store.database import Damaged
 from app.store.scorings import ScoringInfo
 from app.store.store import Store
 from app.telemetry.journal import Journals, lines_of
@@ -349,12 +352,14 @@ class FlownLive(Source):
 
 
 def journal_setup(opening: Opening, flight_id: str) -> LiveSetup:
-    """How the journal of an ended live flight is read and scored. NotFound; SourceError."""
+    """How the journal of an ended flight is read and scored. NotFound; SourceError; Damaged."""
     info, journals = opening.store.flights.info(flight_id), opening.journals
     if info.source.get("kind") != "live" or journals is None or not journals.has(flight_id):
         raise SourceError(f"flight {flight_id} has no journal: choose a live flight that has ended")
     if info.status == "running":
         raise SourceError(f"flight {flight_id} is in progress: end it, then score or replay it")
+    if damage := journal_damage(info, digest_of(journals.path(flight_id))):
+        raise Damaged(f"flight {flight_id}: {damage}: restore the data directory from a backup")
     known = {key: info.source[key] for key in info.source if key in Live.model_fields}
     live = Live.model_validate(known)
     return live.setup(opening, header_of(journals.path(flight_id)))

@@ -96,6 +96,18 @@ def test_a_journal_altered_or_missing_is_found(
     assert word in capsys.readouterr().out
 
 
+def test_an_altered_journal_is_not_replayed(settings: Settings, journal: Path) -> None:
+    with api(settings.data_dir) as client:
+        at_range = Range(client, settings.data_dir)
+        source = {"kind": "journal", "flight_id": journal.stem}
+        body = {"source": source, "monitor": at_range.monitor}
+        assert client.post("/api/v1/flights", json=body).status_code == 201
+        alter(journal)
+        refused = client.post("/api/v1/flights", json=body)
+        assert (refused.status_code, refused.json()["type"]) == (500, "urn:forewarn:damaged")
+        assert "altered" in refused.json()["detail"]
+
+
 def test_a_journal_without_a_digest_is_not_called_undamaged(settings: Settings) -> None:
     with closing(open_store(settings.url)) as store, store.engine.begin() as connection:
         connection.execute(update(flights).values(journal_digest=None))
