@@ -19,7 +19,7 @@ from core.planned_test.planned_test import DatasetRecipe
 from core.simulation.maneuver import MANEUVERS
 from core.simulation.pilot import Crossover, OpenLoop, Pilot
 
-FITS, N_UNSAFE, FLIGHTS, EPSILON = 12, 200, 1500, 0.1
+FITS, N_UNSAFE, FLIGHTS, EPSILON = 12, 200, 1000, 0.1
 USUAL = Crossover()
 PILOTS: dict[str, Pilot] = {
     "open loop": OpenLoop(),
@@ -27,14 +27,14 @@ PILOTS: dict[str, Pilot] = {
     "low gain": replace(USUAL, crossover_rad_s=1.0),
     "high gain": replace(USUAL, crossover_rad_s=2.5),
     "slow": replace(USUAL, delay_s=0.35),
-    "PIO-prone": replace(USUAL, crossover_rad_s=4.0, delay_s=0.35),
+    "PIO-prone": replace(USUAL, crossover_rad_s=5.0, delay_s=0.4),
 }
 DOUBLET = DatasetRecipe(n_unsafe=N_UNSAFE).as_flown()
 CAPTURE = replace(
     DOUBLET,
     pilot=USUAL,
-    specification=Limits(p=0.85),
-    maneuver=replace(MANEUVERS["bank_capture"], timing_jitter_s=0.1, amplitude_jitter=0.15),
+    specification=Limits(beta=0.07),
+    maneuver=replace(MANEUVERS["sideslip_capture"], timing_jitter_s=0.1, amplitude_jitter=0.15),
 )
 
 

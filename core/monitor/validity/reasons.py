@@ -58,10 +58,12 @@ def _off_forecasts(basis: ValidityBasis, deviation: Deviation) -> str:
     innovation, dt = basis.reference.innovation, basis.reference.dt
     size, when = deviation.peaks[SIZE, INNOVATION], deviation.peaks[WHEN, INNOVATION]
     c = int((deviation.responses / innovation.sigma).argmax())
-    channel = basis.dictionary.channels[basis.dictionary.of_role("output")[c]]
+    channel = basis.dictionary.channels[basis.responses[c]]
     amount = float(deviation.responses[c])
+    is_pilots = channel.role == "control"
+    what = "the pilot's part in the surfaces" if is_pilots else "the response to the surfaces"
     return (
-        f"the response to the surfaces was {size:.2f} sigma off its forecast over the "
+        f"{what} was {size:.2f} sigma off its forecast over the "
         f"{innovation.window * dt:g} s to {when:.2f} s, mostly {channel.key} "
         f"({channel.read(amount)})"
     )

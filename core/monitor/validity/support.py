@@ -148,7 +148,10 @@ def _innovation_of(section: Section, dictionary: Dictionary) -> Innovation:
     for name, number in counts.items():
         check_count(f"innovation {name}", number)
     n_known = len(dictionary) * (counts["n_past"] + 1) if counts["n_past"] else 0
-    n = len(dictionary.of_role("output")) if n_known else WIDTH // 2
+    n_outputs, n_controls = (len(dictionary.of_role(role)) for role in ("output", "control"))
+    n = n_outputs if n_known else WIDTH // 2
+    if n_known and len(section.arrays["sigma"]) > n:
+        n += n_controls
     width = -(-2 * n // WIDTH) * WIDTH
     shapes = (n_known, width), (width,), (n,)
     arrays: list[Any] = [np.ascontiguousarray(section.arrays[k]) for k in INNOVATION_ARRAYS]
@@ -175,6 +178,12 @@ class ValidityBasis:
     safe_points: Array
     input_shape: InputShape | None = None
     dictionary: Dictionary = LATERAL
+
+    @property
+    def responses(self) -> tuple[int, ...]:
+        """Channels whose innovations are judged: outputs, and surfaces if a pilot moves them."""
+        known = *self.dictionary.of_role("output"), *self.dictionary.of_role("control")
+        return known[: len(self.reference.innovation.sigma)]
 
 
 def calibrate(

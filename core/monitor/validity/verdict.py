@@ -221,7 +221,6 @@ def _worst_row(basis: ValidityBasis, deviation: Deviation, bounds: Array) -> tup
         return DISTANCE, None
     if basis.reference.innovation.window:
         shares = deviation.responses / basis.reference.innovation.sigma
-        output = basis.dictionary.of_role("output")[int(shares.argmax())]
-        return INNOVATION, basis.dictionary.keys[output]
+        return INNOVATION, basis.dictionary.keys[basis.responses[int(shares.argmax())]]
     worst = int(deviation.peaks[SIZE, :DISTANCE].argmax())
     return worst, basis.dictionary.keys[worst]
