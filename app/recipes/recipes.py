@@ -138,8 +138,8 @@ def own_code(plain: Mapping[str, Any]) -> str:
     if SIMULATOR not in plain:
         return ""
     return (
-        f"is flown by the simulator {given(plain[SIMULATOR])}: its code runs only on the command "
-        "line, by forewarn train --simulator, never by a request or an upload"
+        f"is flown by the simulator {given(plain[SIMULATOR])}, which runs only on the command "
+        "line, by forewarn train, never by a request or an upload"
     )
 
 

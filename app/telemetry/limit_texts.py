@@ -6,7 +6,7 @@ Nz=-1.4..4.9g    alpha=..12deg    Nz=..4.9 for 0.2 s    load [kN] = 0.7*Nz*mass
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from core.channels import KEYS, LATERAL, Channel, Dictionary, channel
 from core.computed import complete, lasting
 from core.limits.limits import IntervalLimits, Limits, SafeInterval
 from core.limits.temporal import COMPARED, Requirement
+from core.planned_test.margin_labels import UNITS, Kind, MarginBound
 from core.types import Array
 
 VALUE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*((?:[A-Za-z°%]\S*)?)")
@@ -27,6 +28,10 @@ COMPUTED = re.compile(r"\s*([^=\[\]]*[^=\[\]\s])\s*(?:\[([^=\[\]]*)\])?\s*=(.*)"
 
 JUDGED = "requirement_"
 """Begins the keys of requirements that are judged sample by sample."""
+
+MARGIN = re.compile(r"\s*(gain|phase|disk)\s+margin\s*>=?\s*(\d+\.?\d*|\.\d+)\s*([A-Za-z°]*)\s*")
+"""phase margin > 30 deg."""
+MARGIN_WORDS = "'gain margin > 6 dB', 'phase margin > 30 deg' or 'disk margin > 0.4'"
 
 Ends = tuple[float | None, float | None]
 """Low and high; None: no limit on that side."""
@@ -38,6 +43,24 @@ class Specified(NamedTuple):
     dictionary: Dictionary
     limits: Limits | IntervalLimits | None
     requirements: tuple[Requirement, ...] = ()
+
+
+def margin_bounds(limits: Sequence[str]) -> tuple[MarginBound, ...]:
+    """Bounds of stability margins; empty if the limits are of another kind. TelemetryError."""
+    bounds: list[MarginBound] = []
+    for text in limits:
+        if " margin" not in text:
+            continue
+        match = MARGIN.fullmatch(text)
+        bound = match and MarginBound(cast("Kind", match[1]), float(match[2]))
+        if not match or not bound or match[3].replace("°", "deg") != UNITS[bound.kind]:
+            raise TelemetryError(f"{text!r}: write it as {MARGIN_WORDS}")
+        bounds.append(bound)
+    if 0 < len(bounds) < len(limits):
+        raise TelemetryError(
+            f"{bounds[0].text!r} labels the rollouts, so other limits have no effect: omit one"
+        )
+    return tuple(bounds)
 
 
 def specified(flights: RolloutFile, channels: Sequence[str], limits: Sequence[str]) -> Specified:
@@ -77,6 +100,11 @@ def extended(
     """The dictionary with computed channels, limits by key, and requirements that need later
     samples.   TelemetryError, ValueError.
     """
+    if bounds := margin_bounds(limits):
+        raise TelemetryError(
+            f"{bounds[0].text!r} is of a control loop, which rollouts and simulators of others do "
+            "not show: give it to forewarn train with an aircraft that Forewarn simulates"
+        )
     dictionary = dictionary.plus(*map(computed_channel, channels))
     ends: dict[str, Ends] = {}
     ahead: list[Requirement] = []

@@ -2,8 +2,8 @@
 
 State z = (plant states, delta_a, delta_r, law states), n numbers; z_dot = F z + bandwidth pilot,
 with the pilot on the rows of the surfaces. Measured: (beta, p, r, Ny, delta_a, delta_r, phi) = rows
-(x, delta); the surface rows of C and D are not read. control_law.closed_loop does the same for one
-plant in numpy. A matrix of lanes is flat: entry (i, j) is the eight numbers from 8 (i columns + j).
+(x, delta); the surface rows of C and D are not read. control_law.closed_loops is the same in numpy.
+A matrix of lanes is flat: entry (i, j) is the eight numbers from 8 (i columns + j).
 """
 
 import numpy as np

@@ -47,6 +47,7 @@ from core.simulation.nonlinear import (
     PitchLaw,
     TrimCondition,
     fly,
+    lateral_plants,
     linear_lateral,
     linear_loop,
     loop_of,
@@ -54,6 +55,7 @@ from core.simulation.nonlinear import (
 from core.simulation.nonlinear_aircraft import NONLINEAR_AIRCRAFT, NonlinearAircraft
 from core.simulation.pilot import CHANNEL_OF, OpenLoop, Pilot, Sight
 from core.simulation.simulator import Parameters
+from core.simulation.uncertain_plant import Plants
 from core.types import Array
 
 NotNegative = Annotated[float, NOT_NEGATIVE]
@@ -237,6 +239,9 @@ class NonlinearSimulator(ManeuverSimulator):
 
     def sample(self, n: int, rng: np.random.Generator) -> Array:
         return self.parameters.sample(n, rng)
+
+    def plants(self, theta: Array) -> Plants:
+        return lateral_plants(self.planned.aircraft, self.point, theta)
 
     def outputs(self, drawn: Drawn) -> Array:
         planned, commands = self.planned, drawn.commands

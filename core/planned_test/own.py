@@ -203,7 +203,7 @@ class OwnSimulator:
         need_y = f"{len(measured)} channels {', '.join(measured)})"
         need_y = f"give ({n} flights, {self.n_samples or 'as many'} samples each, {need_y}"
         need_theta = f"give theta ({n} flights, {n_parameters} parameters)"
-        y = numbers(given[0], f"{self.name}: y", need_y)
+        y = np.ascontiguousarray(numbers(given[0], f"{self.name}: y", need_y))
         theta = numbers(given[2], f"{self.name}: theta", need_theta)
         n_samples = self.n_samples or (y.shape[1] if y.ndim == 3 else 0)
         if y.shape != (n, n_samples, len(measured)):
@@ -249,7 +249,8 @@ class OwnSimulator:
 class OwnTest:
     """A test that somebody's simulator flies, and how much of it to simulate.
 
-    pilot: what its first flights reached, for errors; empty if unknown.
+    pilot: what its first flights reached, for errors; empty if unknown.   more, fewer: what makes
+    more, or fewer, flights fail.
     """
 
     flown_by: OwnSimulator
@@ -259,6 +260,8 @@ class OwnTest:
     max_rollouts: Annotated[int, Bounds(least=1)] = 50_000
     max_safe: Annotated[int, Bounds(least=1)] = 10_000
     pilot: str = ""
+    more: str = "lower the limit"
+    fewer: str = "raise the limit"
 
     groups: ClassVar[Grouping] = GROUPINGS["pooled"]
     most_at_once: ClassVar[int] = 256
@@ -273,11 +276,11 @@ class OwnTest:
 
     @property
     def for_more(self) -> str:
-        return f"{self.pilot}give the parameters larger spreads, lower the limit"
+        return f"{self.pilot}give the parameters larger spreads, {self.more}"
 
     @property
     def for_fewer(self) -> str:
-        return f"{self.pilot}give the parameters smaller spreads, raise the limit"
+        return f"{self.pilot}give the parameters smaller spreads, {self.fewer}"
 
     def simulator(self) -> OwnSimulator:
         return self.flown_by

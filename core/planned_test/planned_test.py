@@ -26,7 +26,7 @@ from core.simulation.control_law import (
     PHI_STATE,
     ControlLaw,
     check_usable,
-    closed_loop,
+    closed_loops,
     measured_rows,
 )
 from core.simulation.imperfections import (
@@ -45,6 +45,7 @@ from core.simulation.maneuver import (
 from core.simulation.pilot import OpenLoop, Pilot, Sight
 from core.simulation.rollout import roll_out, sideslip_state
 from core.simulation.simulator import Parameters
+from core.simulation.uncertain_plant import Plants
 from core.types import Array
 
 DEFAULT_AIRCRAFT = AIRCRAFT["f16_sl_h0_v502"]
@@ -219,9 +220,10 @@ class LateralSimulator(ManeuverSimulator):
     def _respond(self, axis: Axis, s: complex) -> complex:
         """Angle of an axis per command of its surface, of the nominal aircraft."""
         nominal, recipe, sight = self.plant.nominal_plant(), self.recipe, self.sights[axis]
-        loop, drive = closed_loop(nominal, self.controller, recipe.control_law.actuator)
+        (loop,), drive = closed_loops(nominal, self.controller, recipe.control_law.actuator)
         moved = np.linalg.solve(s * np.eye(len(loop)) - loop, drive[:, COLUMN[MOVED_BY[axis]]])
-        row = measured_rows(nominal)[sight.output]
+        (rows,) = measured_rows(nominal)
+        row = rows[sight.output]
         seen = row @ moved[: len(row)] / (1.0 + recipe.maneuver.pedal_lag_s * s)
         return complex(seen / s if sight.is_rate else seen)
 
@@ -243,10 +245,13 @@ class LateralSimulator(ManeuverSimulator):
             theta = self.plant.nominal + self.spread * (theta - self.plant.nominal)
         return theta
 
+    def plants(self, theta: Array) -> Plants:
+        return self.plant.plants(theta)
+
     def outputs(self, drawn: Drawn) -> Array:
         recipe = self.recipe
         return roll_out(
-            self.plant.plants(drawn.theta),
+            self.plants(drawn.theta),
             self.controller,
             recipe.control_law.actuator,
             drawn.commands,

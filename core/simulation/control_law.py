@@ -316,37 +316,34 @@ def _realise(system: Any) -> tuple[Array, Array, Array, Array]:
     return a, b, np.concatenate([np.zeros((n_out, 0)), *rows], axis=1), d
 
 
-def measured_rows(plant: Plants) -> Array:
-    """(7, nx + 2) FEEDBACK of one plant by its states, delta_a and delta_r."""
-    (a,), _, (c,), (d,) = plant
-    nx = len(a)
-    measured = np.zeros((len(FEEDBACK), nx + 2))
-    measured[:4] = np.hstack([c[:4], d[:4]])
-    measured[4:6, nx:] = np.eye(2)
-    measured[6, PHI_STATE : PHI_STATE + 1] = float(nx > PHI_STATE)
+def measured_rows(plants: Plants) -> Array:
+    """(n, 7, nx + 2) FEEDBACK of plants by their states, delta_a and delta_r."""
+    n, nx = plants.a.shape[:2]
+    measured = np.zeros((n, len(FEEDBACK), nx + 2))
+    measured[:, :4] = np.concatenate([plants.c[:, :4], plants.d[:, :4]], axis=2)
+    measured[:, 4:6, nx:] = np.eye(2)
+    measured[:, 6, PHI_STATE : PHI_STATE + 1] = float(nx > PHI_STATE)
     return measured
 
 
-def closed_loop(plant: Plants, controller: Controller, actuator: Actuator) -> tuple[Array, Array]:
-    """F (n, n) and G (n, 2) of z_dot = F z + G pilot for one plant, without lag and limits.
+def closed_loops(plants: Plants, controller: Controller, actuator: Actuator) -> tuple[Array, Array]:
+    """F (n, k, k) and G (k, 2) of z_dot = F z + G pilot for n plants, without lag and limits.
 
     z = (plant states, delta_a, delta_r, controller states).
     """
-    (a,), (b,), _, _ = plant
-    nx, m = len(a), len(controller.a)
-    measured = measured_rows(plant)
-    surfaces = -np.hstack([controller.d @ measured, controller.c])
-    surfaces[:, nx : nx + 2] -= np.eye(2)
-    loop = np.vstack(
-        [
-            np.hstack([a, b, np.zeros((nx, m))]),
-            actuator.bandwidth_rad_s * surfaces,
-            np.hstack([controller.b @ measured, controller.a]),
-        ]
-    )
+    n, nx, m = *plants.a.shape[:2], len(controller.a)
+    measured = measured_rows(plants)
+    loops = np.zeros((n, nx + 2 + m, nx + 2 + m))
+    motion, surfaces, law = loops[:, :nx], loops[:, nx : nx + 2], loops[:, nx + 2 :]
+    motion[..., :nx], motion[..., nx : nx + 2] = plants.a, plants.b
+    surfaces[..., : nx + 2] = -controller.d @ measured
+    surfaces[..., nx + 2 :] = -controller.c
+    surfaces[..., nx : nx + 2] -= np.eye(2)
+    surfaces *= actuator.bandwidth_rad_s
+    law[..., : nx + 2], law[..., nx + 2 :] = controller.b @ measured, controller.a
     drive = np.zeros((nx + 2 + m, 2))
     drive[nx : nx + 2] = actuator.bandwidth_rad_s * np.eye(2)
-    return loop, drive
+    return loops, drive
 
 
 def check_usable(
@@ -356,7 +353,7 @@ def check_usable(
 
     A mildly unstable spiral passes.
     """
-    loop, _ = closed_loop(plant.nominal_plant(), controller, actuator)
+    (loop,), _ = closed_loops(plant.nominal_plant(), controller, actuator)
     poles = np.linalg.eigvals(loop)
     worst = poles[np.argmax(poles.real)]
     if worst.real * duration_s > np.log(LARGEST_GROWTH):

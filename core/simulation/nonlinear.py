@@ -148,28 +148,32 @@ def linear_lateral(aircraft: NonlinearAircraft, point: FlightPoint) -> Uncertain
 
     States beta, p, r, phi; outputs as those of linear aircraft. Central differences.
     """
-    at = trimmed(aircraft, point, aircraft.nominal[np.newaxis])[0]
-    rates = _lateral_rates(aircraft, point, at)
-    jacobian = np.empty((5, 6))
-    for column in range(6):
-        step = np.zeros(6)
-        step[column] = SMALL
-        jacobian[:, column] = (rates(step) - rates(-step)) / (2 * SMALL)
-    a, b = jacobian[:4, :4], jacobian[:4, 4:]
-    c, d = np.zeros((6, 4)), np.zeros((6, 2))
-    c[:3, :3], d[4:] = np.eye(3), np.eye(2)
-    c[3], d[3] = jacobian[4, :4], jacobian[4, 4:]
-    fixed = Plants(*(np.ascontiguousarray(each)[np.newaxis] for each in (a, b, c, d)))
-    none = np.empty(0)
+    fixed, none = lateral_plants(aircraft, point, aircraft.nominal[np.newaxis]), np.empty(0)
     return UncertainPlant(LATERAL_STATES, (), none, none, "normal", fixed, ())
 
 
+def lateral_plants(aircraft: NonlinearAircraft, point: FlightPoint, theta: Array) -> Plants:
+    """Lateral motion of theta (n, n_parameters), each linearised at its own trim. TrimError."""
+    jacobian = np.empty((len(theta), 5, 6))
+    for k, at in enumerate(trimmed(aircraft, point, theta)):
+        rates = _lateral_rates(aircraft, point, np.ascontiguousarray(theta[k]), at)
+        for column in range(6):
+            step = np.zeros(6)
+            step[column] = SMALL
+            jacobian[k, :, column] = (rates(step) - rates(-step)) / (2 * SMALL)
+    c, d = np.zeros((len(theta), 6, 4)), np.zeros((len(theta), 6, 2))
+    c[:, :3, :3], d[:, 4:] = np.eye(3), np.eye(2)
+    c[:, 3], d[:, 3] = jacobian[:, 4, :4], jacobian[:, 4, 4:]
+    parts = jacobian[:, :4, :4], jacobian[:, :4, 4:], c, d
+    return Plants(*map(np.ascontiguousarray, parts))
+
+
 def _lateral_rates(
-    aircraft: NonlinearAircraft, point: FlightPoint, at: Array
+    aircraft: NonlinearAircraft, point: FlightPoint, k: Array, at: Array
 ) -> Callable[[Array], Array]:
     """Function from changes of beta, p, r, phi, aileron, rudder to the rates of the first four, and
-    N_y."""
-    x0, change, k = np.empty(LAW), np.empty(LAW), np.ascontiguousarray(aircraft.nominal)
+    N_y.   k: (n_parameters,) of the aircraft.   at: its trim."""
+    x0, change = np.empty(LAW), np.empty(LAW)
     begin(point, at, x0)
     body, speed = aircraft.body, point.airspeed
 

@@ -133,7 +133,8 @@ def add_recipe_options(
     option(
         group,
         "--limit CHANNEL=VALUE",
-        "limit, such as Ny=0.5g or beta=7deg, instead of the default",
+        "limit, such as Ny=0.5g or beta=7deg, instead of the default; train also takes a stability "
+        "margin of the aircraft, 'phase margin > 30 deg', which only labels rollouts",
         action="append",
     )
     option(

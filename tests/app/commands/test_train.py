@@ -12,6 +12,7 @@ import pytest
 from app.cli import main
 from app.jobs.requests import dataset_request, monitor_request, study_request
 from app.recipes.recipes import USUAL_MONITOR, from_plain, limits_named, monitor_as_ordered
+from core.channels import KEYS
 from core.monitor import Monitor, MonitorRecipe, load
 from core.monitor.predictor import Ensemble, Scope
 from core.planned_test.planned_test import USUAL_NOISE, DatasetRecipe, SensorNoise
@@ -275,3 +276,45 @@ def test_what_cannot_be_trained_is_refused_before_it_is_simulated(
     assert main(["train", *options, "--out", str(out)]) == 1
     assert words in capsys.readouterr().err
     assert not out.exists()
+
+
+def test_margins_label_the_rollouts_of_a_simulated_aircraft(tmp_path, capsys):
+    out = tmp_path / "margin.fwm"
+    small = [
+        "--aircraft",
+        "attas_id_16kft",
+        "--n-unsafe",
+        "40",
+        "--n-test",
+        "60",
+        "--out",
+        str(out),
+    ]
+    options = [*small, "--epsilon", "0.2", "--predictor", "linear", "--score", "nearest_neighbor"]
+    assert main(["train", *options, "--limit", "phase margin > 73 deg"]) == 0
+    assert "trained on 40 failing" in capsys.readouterr().out
+    assert load(out).specification == "requirement phase margin > 73 deg"
+
+
+@pytest.mark.parametrize(
+    ("limits", "words"),
+    [
+        (["phase margin > 73"], "phase margin > 30 deg"),
+        (["phase margin < 73 deg"], "phase margin > 30 deg"),
+        (["gain margin > 6 dB", "Ny=0.5"], "omit one"),
+        (["gain margin > 6 dB"], "omit --print-recipe"),
+    ],
+)
+def test_a_margin_that_cannot_label_is_refused(limits, words, tmp_path, capsys):
+    given = [part for limit in limits for part in ("--limit", limit)]
+    out = str(tmp_path / "m.fwm")
+    assert main(["train", *given, "--print-recipe", "--out", out]) == 1
+    assert words in capsys.readouterr().err
+
+
+def test_rollouts_of_others_show_no_margin(tmp_path, capsys):
+    rollouts = tmp_path / "rollouts.npz"
+    np.savez(rollouts, y=np.zeros((4, 9, 6)), dt=0.05, channels=list(KEYS))
+    command = ["train", "--rollouts", str(rollouts), "--limit", "disk margin > 0.4"]
+    assert main([*command, "--out", str(tmp_path / "m.fwm")]) == 1
+    assert "which rollouts and simulators of others do not show" in capsys.readouterr().err

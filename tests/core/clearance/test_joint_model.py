@@ -18,7 +18,7 @@ from core.clearance.joint_model import (
 from core.clearance.kalman import gains, white_residuals
 from core.evaluation.lead_sweep import TESTS
 from core.planned_test.planned_test import LateralSimulator
-from core.simulation.control_law import closed_loop
+from core.simulation.control_law import closed_loops
 from core.simulation.uncertain_plant import Plants
 from core.types import Array
 
@@ -103,7 +103,7 @@ def test_joint_flow_without_pilot_is_the_closed_loop() -> None:
     """It has the poles of aircraft, law and actuators."""
     plants, law, motion = made("F-16", 1)
     flow, _ = joint_flow(plants, law, motion)
-    loop, _ = closed_loop(plants, law.controller, law.actuator)
+    (loop,), _ = closed_loops(plants, law.controller, law.actuator)
     n = len(loop)
     poles, found = (np.sort_complex(np.linalg.eigvals(x)) for x in (loop, flow[0, :n, :n]))
     np.testing.assert_allclose(found, poles, atol=1e-9)

@@ -15,7 +15,7 @@ from core.simulation.control_law import (
     RateDamper,
     StateSpaceLaw,
     check_usable,
-    closed_loop,
+    closed_loops,
 )
 from core.simulation.uncertain_plant import Uncertainty
 
@@ -32,7 +32,7 @@ def response(controller, s):
 
 def dutch_roll(plant, law):
     """Damping ratio of the slowest oscillation of the nominal closed loop."""
-    loop, _ = closed_loop(plant.nominal_plant(), law.controller(plant), law.actuator)
+    (loop,), _ = closed_loops(plant.nominal_plant(), law.controller(plant), law.actuator)
     poles = np.linalg.eigvals(loop)
     slowest = min(poles[poles.imag > 1e-9], key=abs)
     return -slowest.real / abs(slowest)
@@ -41,7 +41,7 @@ def dutch_roll(plant, law):
 def test_f16_regulator_has_the_published_closed_loop_poles():
     # Stevens, Lewis and Johnson, 3rd ed., Example 5.3-1, with the four-state F-16
     law = CONTROL_LAWS["f16_sl_ofb"]
-    loop, _ = closed_loop(F16_4.nominal_plant(), law.controller(F16_4), law.actuator)
+    (loop,), _ = closed_loops(F16_4.nominal_plant(), law.controller(F16_4), law.actuator)
     poles = np.sort_complex(np.linalg.eigvals(loop))
     published = np.array(
         [
@@ -159,7 +159,7 @@ def test_every_aircraft_is_usable_without_feedback(name):
 
 def test_mildly_unstable_spiral_is_usable():
     plant = PublishedAircraft("attas_id_16kft", 4).uncertain_plant()  # spiral pole +0.0174 rad/s
-    loop, _ = closed_loop(plant.nominal_plant(), NoFeedback().controller(plant), Actuator())
+    (loop,), _ = closed_loops(plant.nominal_plant(), NoFeedback().controller(plant), Actuator())
     assert 0.01 < np.linalg.eigvals(loop).real.max() < 0.03
     check_usable(plant, NoFeedback().controller(plant), Actuator(), 60.0)
 

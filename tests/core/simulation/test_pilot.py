@@ -18,7 +18,7 @@ from core.planned_test.nonlinear_test import SIGHTS, NonlinearTest
 from core.planned_test.planned_test import DatasetRecipe, LateralSimulator, SensorNoise
 from core.recipe import from_plain, to_plain
 from core.simulation.aircraft import AIRCRAFT
-from core.simulation.control_law import PHI_STATE, Actuator, closed_loop, measured_rows
+from core.simulation.control_law import PHI_STATE, Actuator, closed_loops, measured_rows
 from core.simulation.maneuver import MANEUVERS, Axis
 from core.simulation.nonlinear import TrimCondition
 from core.simulation.nonlinear_aircraft import NONLINEAR_AIRCRAFT
@@ -179,7 +179,7 @@ def test_a_captured_bank_follows_the_closed_form():
     simulator = lateral()
     recipe, drawn = simulator.recipe, nominal_flight(simulator)
     nominal = simulator.plant.nominal_plant()
-    loop, drive = closed_loop(nominal, simulator.controller, recipe.control_law.actuator)
+    (loop,), drive = closed_loops(nominal, simulator.controller, recipe.control_law.actuator)
     n, lag = len(loop), recipe.maneuver.pedal_lag_s
     whole = np.zeros((n + 4, n + 4))
     whole[:n, :n], whole[:n, n : n + 2] = loop, drive
@@ -190,7 +190,7 @@ def test_a_captured_bank_follows_the_closed_form():
         bank.append(z[PHI_STATE])
         plan, seen = drawn.commands[0, : k + 1], np.array(bank)[:, np.newaxis]
         z[n + 2 :] = twin(drawn.in_loop, 0, plan, seen, recipe.dt)[-1]
-        y = measured_rows(nominal) @ z[: len(nominal.a[0]) + 2]
+        y = measured_rows(nominal)[0] @ z[: len(nominal.a[0]) + 2]
         np.testing.assert_allclose(simulator.outputs(drawn)[0, k], y[:6], atol=1e-10)
         z = step @ z
     assert np.degrees(max(bank)) == pytest.approx(30.0, rel=0.3)

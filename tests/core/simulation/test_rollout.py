@@ -19,7 +19,7 @@ from core.simulation.control_law import (
     Controller,
     NoFeedback,
     RateDamper,
-    closed_loop,
+    closed_loops,
 )
 from core.simulation.rollout import roll_out
 from core.simulation.uncertain_plant import Plants
@@ -57,7 +57,7 @@ def random_plants(n, nx, rng, speed=1.0):
 
 def closed_form(plant, controller, actuator, pilot, dt, lag):
     """Response of one plant by the matrix exponential, the pedals' lag as two more states."""
-    loop, drive = closed_loop(plant, controller, actuator)
+    (loop,), drive = closed_loops(plant, controller, actuator)
     n, nx = len(loop), plant.a.shape[1]
     lagged = 2 if lag else 0
     block = np.zeros((n + lagged + 2,) * 2)
@@ -76,7 +76,7 @@ def closed_form(plant, controller, actuator, pilot, dt, lag):
 
 def in_gust(plant, controller, actuator, pilot, dt, substeps, gust):
     """Response of one plant to piecewise linear gusts, by the matrix exponential."""
-    loop, drive = closed_loop(plant, controller, actuator)
+    (loop,), drive = closed_loops(plant, controller, actuator)
     n, nx, step = len(loop), plant.a.shape[1], dt / substeps
     block = np.zeros((n + 3,) * 2)
     block[:n, :n], block[:n, n : n + 2], block[0, n + 2] = loop, drive, 1.0
