@@ -354,8 +354,9 @@ def _dataset_line(dataset: Dataset) -> str:
     if simulated_test(recipe) is None:
         n_unsafe, n_safe = len(dataset.unsafe), len(dataset.safe)
         return f"trained on {n_unsafe} failing and {n_safe} safe flights"
-    kinds = (recipe.get(part, {}).get("kind") for part in ("aircraft", "control_law", "maneuver"))
-    plan = recipe.get("simulator") or ", ".join(map(str, kinds))
+    parts = ("aircraft", "control_law", "maneuver", "pilot")
+    kinds = (recipe[part]["kind"] for part in parts if part in recipe)
+    plan = recipe.get("simulator") or ", ".join(kinds)
     return (
         f"simulated {len(dataset.unsafe)} unsafe and {dataset.n_safe_met} safe rollouts "
         f"(unsafe rate {100 * dataset.unsafe_rate:.2g} %) of {plan}"

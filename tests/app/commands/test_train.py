@@ -80,6 +80,28 @@ def printed_recipe(capsys: pytest.CaptureFixture, *options: str) -> dict[str, An
     return json.loads(capsys.readouterr().out)["dataset"]
 
 
+def test_a_pilot_is_in_the_loop_of_captures_and_where_one_is_asked_for(capsys):
+    assert "pilot" not in printed_recipe(capsys)
+    assert printed_recipe(capsys, "--maneuver", "bank_capture")["pilot"]["kind"] == "crossover"
+    slow = ("--pilot", "crossover", "--set", "dataset.pilot.delay_s=0.3")
+    assert printed_recipe(capsys, *slow)["pilot"]["delay_s"] == 0.3
+    nobody = ("--maneuver", "bank_capture", "--pilot", "open_loop", "--print-recipe")
+    assert main(["train", *nobody]) == 1
+    assert "crossover" in capsys.readouterr().err
+
+
+def test_a_pilot_who_gives_up_trains_a_monitor_of_labels(tmp_path: Path):
+    gives_up = ("--pilot", "crossover", "--set", "dataset.pilot.intervention.error_deg=8")
+    sizes = ("--n-unsafe", "60", "--n-test", "20", "--guarantee", "average")
+    method = ("--predictor", "linear", "--score", "nearest_neighbor")
+    out = tmp_path / "gives_up.fwm"
+    assert main(["train", *gives_up, *sizes, *method, "--out", str(out)]) == 0
+    monitor = load(out)
+    assert isinstance(monitor.specification, str)
+    assert "8 deg" in monitor.specification
+    assert monitor.envelope is None
+
+
 @pytest.mark.parametrize("kind", [kind for kind in AIRCRAFT if kind != "matrices"])
 def test_every_aircraft_brings_its_usual_test(kind: str, tmp_path: Path, capsys):
     recipe = printed_recipe(capsys, "--aircraft", kind)
@@ -132,6 +154,8 @@ MODEL["uncertainty"] = {"spread": {"A[1,0]": 0.15, "C[3,0]": 0.1}}
         (["--aircraft", "attas_id_16kft"], {"aircraft": {"kind": "attas_id_16kft"}}),
         (["--aircraft", "{model}"], {"aircraft": MODEL}),
         (["--maneuver", "pulse"], {"maneuver": {"kind": "pulse"}}),
+        (["--pilot", "crossover"], {"pilot": {"kind": "crossover"}}),
+        (["--maneuver", "bank_capture"], {"maneuver": {"kind": "bank_capture"}}),
         (["--noise", "p=0.02", "--n-unsafe", "60"], {"noise": {"p": 0.02}, "n_unsafe": 60}),
         (["--imperfections", "none", "--seed", "2"], {"imperfections": "none", "seed": 2}),
         (["--recipe", "{stored}"], VERSION_0_1_0),
