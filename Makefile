@@ -59,7 +59,7 @@ wheelhouse: ## all that an installation without a network needs, in the folder w
 	rm -rf wheelhouse && mkdir wheelhouse
 	$(PYTHON) -m pip wheel --quiet --no-deps --wheel-dir wheelhouse .
 	$(PYTHON) -m pip download --quiet --only-binary :all: --dest wheelhouse --find-links wheelhouse \
-	    'forewarn[ulog,mdf,fmu,jsbsim,postgres,dask] @ file://$(CURDIR)/'wheelhouse/$$(cd wheelhouse && ls forewarn-*.whl)
+	    'forewarn[ulog,mdf,tdms,mcap,fmu,jsbsim,postgres,dask] @ file://$(CURDIR)/'wheelhouse/$$(cd wheelhouse && ls forewarn-*.whl)
 	cp app/upkeep/offline.py wheelhouse/install.py
 
 $(RUNS): pyproject.toml

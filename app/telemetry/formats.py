@@ -12,7 +12,13 @@ from pathlib import Path, PurePath
 from app.telemetry.recording import TelemetryError
 
 READERS = "app.telemetry.readers"
-LIBRARIES = {"ulog": "pyulog", "mdf": "asammdf", "ch10": "chapter10"}
+LIBRARIES = {
+    "ulog": "pyulog",
+    "mdf": "asammdf",
+    "tdms": "nptdms",
+    "mcap": "mcap",
+    "ch10": "chapter10",
+}
 """The module that an extra installs."""
 HEAD_BYTES = 4096
 TEXT = "csv"
@@ -165,6 +171,8 @@ FORMATS: dict[str, Format] = {
         Format("netcdf", "NetCDF file", ".nc .nc4 .cdf", _is_netcdf, ".netcdf"),
         Format("ulog", "PX4 ULog", ".ulg .ulog", _starts(b"ULog\x01\x12\x35"), ".ulog", "ulog"),
         Format("mdf4", "ASAM MDF", ".mf4 .mdf", _starts(b"MDF     ", b"UnFinMF "), ".mdf", "mdf"),
+        Format("tdms", "LabVIEW TDMS", ".tdms", _starts(b"TDSm"), ".tdms", "tdms"),
+        Format("mcap", "MCAP of ROS 2", ".mcap", _starts(b"\x89MCAP0\r\n"), ".mcap", "mcap"),
         Format(
             "ch10", "IRIG 106 Chapter 10 recording", ".ch10 .c10 .i106", _is_ch10, ".ch10",
             extra="ch10", experimental=True,

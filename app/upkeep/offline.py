@@ -29,7 +29,7 @@ DATABASE, STOP, LOCK = "forewarn.db", "forewarn.db.stop", "forewarn.lock"
 OF_DATABASE = (DATABASE, f"{DATABASE}-wal", f"{DATABASE}-shm", STOP)
 FOLDERS = ("live", "recordings")
 """Folders of a data directory, with a file or folder for each flight or recording."""
-EXTRAS = "ulog,mdf,fmu,jsbsim,postgres,dask"
+EXTRAS = "ulog,mdf,tdms,mcap,fmu,jsbsim,postgres,dask"
 MIGRATE = "import sys; from app.store.store import open_store; open_store(sys.argv[1]).close()"
 IS_WINDOWS = os.name == "nt"
 

@@ -1,5 +1,6 @@
-"""Small recordings of instruments: ULog, MDF and Chapter 10, with most features of each format."""
+"""Small recordings of instruments, with most features of each format."""
 
+import json
 import struct
 import warnings
 from collections.abc import Callable
@@ -8,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mcap.writer import CompressionType
 
 from tests.support.recorded_files import ULOG_START, ch10_packet, ulog_message
 
@@ -101,11 +103,46 @@ def ch10(path: Path) -> None:
 
 ANALOG = 3 | 12 << 2 | 2 << 16 | 1 << 28
 """Two channels of 12 bits in words, alike."""
+
+
+def tdms(path: Path) -> None:
+    from nptdms import ChannelObject, TdmsWriter
+
+    waveform = {"wf_increment": 0.02, "wf_start_offset": 0.1, "unit_string": "deg"}
+    times = np.datetime64("2024-05-01T09:30:00") + np.arange(N) * np.timedelta64(20, "ms")
+    with TdmsWriter(path) as file:
+        for _ in range(2):
+            file.write_segment(
+                [
+                    ChannelObject("air", "beta", np.sin(T), waveform),
+                    ChannelObject("air", "n", np.arange(N, dtype=np.int16)),
+                    ChannelObject("bus", "clock", times),
+                    ChannelObject("bus", "note", ["calm"] * N),
+                ]
+            )
+
+
+def mcap(path: Path, compression: Any) -> None:
+    from google.protobuf.wrappers_pb2 import DoubleValue
+    from mcap_protobuf.writer import Writer
+
+    with path.open("wb") as file, Writer(file, compression=compression) as writer:
+        plain = writer._writer.register_channel("air", "json", 0)
+        for k in range(N):
+            at = 20_000_000 * k
+            text = json.dumps({"p": k, "rates": [k, None], "who": "us"}).encode()
+            writer._writer.add_message(plain, at, text, at)
+            writer.write_message("alpha", DoubleValue(value=0.1 * k), at, at)
+
+
 BUSES: dict[str, Callable[[Path], object]] = {
     "autopilot.ulg": ulog,
     "old.mdf": lambda path: mdf(path, "3.30"),
     "oldest.mdf": lambda path: mdf(path, "2.14"),
     "new.mf4": lambda path: mdf(path, "4.10"),
     "deflated.mf4": lambda path: mdf(path, "4.11", 2),
+    "waveforms.tdms": tdms,
+    "messages.mcap": lambda path: mcap(path, CompressionType.NONE),
+    "packed.mcap": lambda path: mcap(path, CompressionType.ZSTD),
     "recorder.ch10": ch10,
 }

@@ -1,5 +1,6 @@
 """The same telemetry in a file of every format, as the usual programs write it."""
 
+import json
 import struct
 import warnings
 from collections.abc import Callable
@@ -115,6 +116,37 @@ def mdf(path: Path, version: str, compression: int = 0) -> None:
             file.save(path, overwrite=True, compression=compression)  # pyright: ignore
 
 
+def tdms(path: Path) -> None:
+    from nptdms import ChannelObject, TdmsWriter
+
+    with TdmsWriter(path) as file:
+        file.write_segment(
+            [
+                ChannelObject("air", name, values, {"unit_string": unit})
+                for name, values, unit in (
+                    ("Time", T, "s"),
+                    ("beta", BETA, "deg"),
+                    ("p", P, "deg/s"),
+                )
+            ]
+        )
+
+
+def mcap(path: Path) -> None:
+    from mcap.writer import Writer
+
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("Air", "jsonschema", b'{"type": "object"}')
+        channel = writer.register_channel("air", "json", schema)
+        for t, beta, p in zip(T, BETA, P, strict=True):
+            at = round(1e9 * t)
+            plain = {"beta": None if np.isnan(beta) else beta, "p": p, "note": "calm"}
+            writer.add_message(channel, at, json.dumps(plain).encode(), at)
+        writer.finish()
+
+
 def ulog(path: Path) -> None:
     messages = [
         ulog_message("B", bytes(40)),
@@ -162,6 +194,8 @@ FILES: dict[str, tuple[str, str, Callable[[Path], None]]] = {
     "hdf5": ("hdf5", ".h5", hdf5),
     "netcdf 3": ("netcdf", ".nc", netcdf3),
     "netcdf 4": ("netcdf", ".nc", netcdf4),
+    "tdms": ("tdms", ".tdms", tdms),
+    "mcap": ("mcap", ".mcap", mcap),
     "ulog": ("ulog", ".ulg", ulog),
     "mdf 3": ("mdf", ".mdf", lambda path: mdf(path, "3.30")),
     "mdf 4": ("mdf", ".mf4", lambda path: mdf(path, "4.10")),

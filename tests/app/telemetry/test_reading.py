@@ -36,6 +36,8 @@ HEADS = {
     "netcdf": b"CDF\x02" + bytes(99),
     "ulog": b"ULog\x01\x12\x35\x01" + bytes(99),
     "mdf4": b"MDF     4.10    forewarn" + bytes(99),
+    "tdms": b"TDSm" + bytes(99),
+    "mcap": b"\x89MCAP0\r\n" + bytes(99),
     "ch10": CH10 + bytes(99),
     "journal": b'{"format":1,"flight":"f","began":"2030-01-01T00:00:00+00:00","a":0.0}\n',
     "csv": TABLE.encode(),
