@@ -24,7 +24,7 @@
 
 import { isBeyond } from "../lib/limits.js";
 import { leadSeconds } from "../lib/numbers.js";
-import { createStripFrame, SPARSE } from "./strip_frame.js";
+import { BAR, createStripFrame, SPARSE } from "./strip_frame.js";
 import { holdsOf } from "./strips.js";
 import { drawBeyond, drawEnvelope, drawForecast, drawSafeBand, drawTrace, pieceOf, spanOf } from "./trace.js";
 
@@ -68,11 +68,12 @@ export function createStrip(canvas, strip) {
     if (ahead) drawEnvelope(face, { t: frame.ahead.t, word: strip.hasLegend ? frame.ahead.word : "", ...ahead }, frame);
     for (const band of frame.bands) drawBand(band);
     lastSign = -Infinity;
-    for (const band of frame.bands) drawWord(band, frame); // no word may hide the trace
+    const flagged = face.flagWords(frame);
+    for (const band of frame.bands) drawWord(band, frame, flagged); // no word may hide the trace
     face.thresholds(frame);
     kept.draw(frame, begin, (ink, piece) => drawCells(ink, frame, over, piece));
     if (strip.axis.beyond) face.word("OFF SCALE", frame.width - face.wide("OFF SCALE") / 2 - 4, face.height - 12, face.palette.text);
-    face.flags(frame);
+    face.flags(frame, flagged);
     face.line(frame.x(frame.now), face.palette.dim, [], 1);
     face.cursors(frame);
   }
@@ -153,7 +154,7 @@ export function createStrip(canvas, strip) {
     const { fill, alpha = 1, all = false } = BANDS[kind];
     if (!strip.risk && kind === "alert" && strip.limits !== null) {
       pen.fillStyle = face.palette.alert; // a bar: compare the alert with the exceedance below it
-      pen.fillRect(x0, 0, x1 - x0, 4);
+      pen.fillRect(x0, 0, x1 - x0, BAR);
     }
     if (!strip.risk && !all) return;
     pen.globalAlpha = alpha;
@@ -162,7 +163,7 @@ export function createStrip(canvas, strip) {
     pen.globalAlpha = 1;
   }
 
-  function drawWord({ x0, x1, kind, word }, { width, alertAbove }) {
+  function drawWord({ x0, x1, kind, word }, { width, alertAbove }, flagged) {
     const { said = false, level = false, sign, least = 0 } = BANDS[kind];
     if (!strip.risk && !said) return;
     const [left, right] = [Math.max(0, x0), Math.min(width, x1)];
@@ -170,11 +171,12 @@ export function createStrip(canvas, strip) {
     const long = face.wide(word) + 2;
     const colour = kind === "alert" ? face.palette.alert : face.palette.text;
     const isAlert = kind === "alert"; // the risk is above its level then
-    const height = face.free(face.height / (isAlert ? 1 : 2), isAlert ? [[0, y(alertAbove)]] : []);
+    const beside = (half) => flagged.filter((other) => other.left < middle + half && other.right > middle - half).map(({ height }) => [height - 8, height + 8]);
+    const height = face.free(face.height / (isAlert ? 1 : 2), [...beside(Math.min(long, room) / 2), ...(isAlert ? [[0, y(alertAbove)]] : [])]);
     const between = face.longest();
     if (long <= room && Number.isFinite(height)) face.word(word, middle, height, colour);
     else if (level) return;
-    else if (!isAlert && long <= between.room && room >= 18) face.upright(word, middle, between.middle, colour);
+    else if (!isAlert && long <= between.room && room >= 18 && beside(9).length === 0) face.upright(word, middle, between.middle, colour);
     else if (sign && room >= least && middle - lastSign >= SPARSE && Number.isFinite(height)) {
       face.word(sign, middle, height, colour);
       lastSign = middle;

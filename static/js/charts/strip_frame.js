@@ -10,14 +10,15 @@
  *     to `wanted`; NaN where it fits nowhere
  *   longest() -> {middle, room}    the widest space between limit lines
  *   line(x, colour, dash, thick), cursors({x, cursor, marks})
- *   flags({flags, x, width})         moments: [{key | null, t, word, colour, thin}]; key null: of all
- *                                    channels, with its word on the risk strip
+ *   flagWords({flags, x, width}) -> [{text, colour, left, middle, right, height}]     moments: [{key | null, t, word, colour, thin}];
+ *                                    key null: of all channels, with its word on the risk strip
+ *   flags({flags, x, width}, words)
  *   thresholds({x, width, alertAbove})    limits where they held, or the alert level
  * triangle(pen, x, up, height)     at the top or the bottom of a strip
  * stacked([{left, right [px], colour}], rows)    the most urgent first, each with its row; one that would overlap
  *     moves a row down; without a free row it goes into the last, below the others
  * tickText(value, axis)    as fine as the axis' ticks
- * SPARSE  px between marks of the same kind
+ * SPARSE  px between marks of the same kind.   BAR
  */
 
 import { figure } from "../lib/numbers.js";
@@ -26,6 +27,7 @@ import { holdsOf } from "./strips.js";
 import { axisTicks } from "./value_axis.js";
 
 export const SPARSE = 22;
+export const BAR = 4; // px, height of an alert at the top of a limited channel
 const FIRST_ROW = 24; // px, middle of the topmost row of words
 const ROW = 18;
 const URGENT = ["alert", "caution", "text"]; // colours of words, the most urgent first
@@ -35,7 +37,7 @@ const MOST_WIDTHS = 100; // words whose width is kept
 
 export function createStripFrame(canvas, strip) {
   const axis = strip.axis;
-  const tools = { y, begin, word, wide, upright, free, longest, line, cursors, flags, thresholds };
+  const tools = { y, begin, word, wide, upright, free, longest, line, cursors, flagWords, flags, thresholds };
   const own = Object.assign(createSheet(canvas), tools);
   const { pen } = own;
   const drawn = { low: NaN, high: NaN, step: NaN, limits: null, alertAbove: NaN }; // in the gutter
@@ -77,7 +79,8 @@ export function createStripFrame(canvas, strip) {
   const lines = () => (strip.risk ? [drawn.alertAbove] : holdsOf(strip).flatMap(({ limits }) => limits ?? [])).filter(Number.isFinite).map(y);
 
   function free(wanted, spans = []) {
-    const taken = [...lines().map((at) => [at, at]), ...spans].map(([top, bottom]) => [top - WORD / 2, bottom + WORD / 2]);
+    const bar = strip.risk || strip.limits === null ? [] : [[0, BAR]];
+    const taken = [...lines().map((at) => [at, at]), ...bar, ...spans].map(([top, bottom]) => [top - WORD / 2, bottom + WORD / 2]);
     const fits = (at) => at >= WORD / 2 && at <= own.height - WORD / 2 && !taken.some(([top, bottom]) => at > top && at < bottom);
     const near = [wanted, WORD / 2, own.height - WORD / 2, ...taken.flat()].filter(fits);
     return near.reduce((best, at) => (Math.abs(at - wanted) < Math.abs(best - wanted) ? at : best), near[0] ?? NaN);
@@ -126,25 +129,27 @@ export function createStripFrame(canvas, strip) {
     line(x(marks.b), own.palette["mark-b"], [7, 3], 1.5);
   }
 
+  function flagWords({ flags: given, x, width }) {
+    const labels = given.filter(({ key, t }) => (key === strip.key || (key === null && strip.risk)) && x(t) >= 0 && x(t) <= width).map(({ t, word: text, colour = "alert" }) => {
+      const half = wide(text) / 2;
+      const middle = Math.min(Math.max(x(t), half), Math.max(width - half, half));
+      return { text, colour, middle, left: middle - half, right: middle + half };
+    });
+    const rows = Math.max(1, Math.floor((own.height - FIRST_ROW + ROW / 2) / ROW));
+    return stacked(labels, rows).map((label) => ({ ...label, height: FIRST_ROW + ROW * label.row }));
+  }
+
   /** An exceedance as recorded: the value drawn does not show it. */
-  function flags({ flags: given, x, width }) {
-    const labels = [];
-    for (const { key, t, word: text, colour = "alert", thin = false } of given) {
+  function flags({ flags: given, x, width }, words) {
+    for (const { key, t, colour = "alert", thin = false } of given) {
       const at = x(t);
       if ((key !== null && key !== strip.key) || at < 0 || at > width) continue;
       const ink = own.palette[colour];
       line(at, ink, key === null ? [] : [4, 3], thin ? 1 : key === null ? 2.5 : 1.5);
       pen.fillStyle = ink;
       if (!thin) triangle(pen, at, true, own.height);
-      if (key === null && !strip.risk) continue;
-      const half = wide(text) / 2;
-      const middle = Math.min(Math.max(at, half), Math.max(width - half, half));
-      labels.push({ text, colour, ink, middle, left: middle - half, right: middle + half });
     }
-    const rows = Math.max(1, Math.floor((own.height - FIRST_ROW + ROW / 2) / ROW));
-    const placed = stacked(labels, rows);
-    for (const { text, middle, ink, row } of placed.reverse())
-      word(text, middle, FIRST_ROW + ROW * row, ink);
+    for (const { text, middle, colour, height } of words.toReversed()) word(text, middle, height, own.palette[colour]);
   }
 
   function line(x, colour, dash, thick) {

@@ -89,7 +89,7 @@ export function arranged(strips) {
   const channels = strips.filter((strip) => !isSummary(strip));
   const limited = channels.filter(({ limits }) => limits !== null);
   const tall = limited.slice(0, MOST_TALL);
-  const [legend] = channels;
+  const legend = channels.find(({ limits }) => limits === null) ?? channels[0]; // no exceedance covers the words there
   const shaped = (strip, fold = null) => Object.assign(strip, { isTall: strip.risk || tall.includes(strip), hasLegend: strip === legend, fold });
   if (channels.length <= MOST_OPEN) return strips.map((strip) => shaped(strip));
   const first = limited.slice(0, MOST_OPEN);

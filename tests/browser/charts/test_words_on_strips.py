@@ -53,3 +53,26 @@ def test_the_words_of_the_forecast_stand_once_where_they_fit(strips: Open) -> No
     assert told.count("90 % forecast to the end of the card") == 1
     assert "+1.50 s" in told
     assert told.count("GAP") == 7
+
+
+def test_no_word_of_the_risk_strip_lies_on_another(strips: Open) -> None:
+    page = strips("seconds=12")
+    page.set_viewport_size({"width": 1440, "height": 760})
+    drawn = run(
+        page,
+        DRAW.replace(
+            "words.length = 0;",
+            """
+            for (const [t, word] of [[0.8, 'MANOEUVRE'], [1.2, 'ABORT'], [3, 'NOTE']])
+              h.chart.flag({ key: null, t, word, colour: 'caution' });
+            h.timeline.setWindow(0, 12);
+            words.length = 0;
+            """,
+        ).replace("y: heightOf", "x, wide: this.measureText(text).width, y: heightOf"),
+    )
+    words = [word for word in drawn["words"] if word["key"] == "risk"]
+    assert {"MANOEUVRE", "ABORT", "WARMING UP"} <= {word["text"] for word in words}
+    for k, word in enumerate(words):
+        for other in words[:k]:
+            apart = abs(word["x"] - other["x"]) >= (word["wide"] + other["wide"]) / 2
+            assert apart or abs(word["y"] - other["y"]) >= 14, (word, other)
