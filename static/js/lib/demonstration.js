@@ -7,9 +7,11 @@
 
 import { ApiError } from "./api.js";
 import { button, h, put } from "./dom.js";
+import { remember, remembered } from "./storage.js";
 
 const EVERY = 1000; // ms
 const ENDED = ["ready", "failed"];
+const DISMISSED = "forewarn.demonstration"; // banner
 const WORDS = {
   preparing: "getting ready",
   compiling: "compiling the numerical kernels (only at the first start)",
@@ -76,29 +78,30 @@ export function createDemonstrationBar(element, { navigate }) {
   const words = h("span.preparing-words", { role: "status" });
   const bar = h("progress.preparing-bar", { max: 1, "aria-label": "Live demonstration" });
   const watch = button("Watch it", () => navigate(address()), { class: "button button-small button-primary", hidden: true });
-  const dismiss = button("×", leave, { class: "button button-small", hidden: true, "aria-label": "Dismiss" });
+  const dismiss = button("×", () => leave(demonstration.latest), { class: "button button-small", "aria-label": "Dismiss" });
   element.append(words, bar, watch, dismiss);
-  let offered = true;
+  let left = remembered(DISMISSED); // as keyOf has it
   demonstration.subscribe(draw);
 
   const address = () => `#/fly/${demonstration.latest?.flight}`;
+  const keyOf = ({ phase, flight }) => (ENDED.includes(phase) ? `${phase} ${flight}` : "preparing");
 
-  function leave() {
-    offered = false;
+  function leave(progress) {
+    left = keyOf(progress);
+    if (progress.phase === "ready") remember(DISMISSED, left);
     element.hidden = true;
   }
 
   function draw(progress) {
-    const isOver = progress !== null && ENDED.includes(progress.phase);
-    if (progress !== null && !isOver) offered = true;
-    if (progress?.phase === "ready" && location.hash === address()) offered = false;
-    element.hidden = progress === null || !offered;
+    if (progress?.phase === "ready" && location.hash === address()) leave(progress);
+    if (progress !== null && keyOf(progress) !== left) left = null;
+    element.hidden = progress === null || left !== null;
     if (element.hidden) return;
+    const isOver = ENDED.includes(progress.phase);
     element.dataset.phase = progress.phase;
     bar.hidden = isOver;
     bar.value = progress.share;
     watch.hidden = progress.phase !== "ready";
-    dismiss.hidden = !isOver;
     if (progress.phase === "ready") put(words, "The live demonstration is ready.");
     else if (progress.phase === "failed") put(words, `◆ The live demonstration stopped: ${progress.problem}`);
     else put(words, progressWords(progress));
@@ -106,7 +109,7 @@ export function createDemonstrationBar(element, { navigate }) {
 
   return {
     goneTo: (hash) => {
-      if (demonstration.latest?.phase === "ready" && hash === address()) leave();
+      if (demonstration.latest?.phase === "ready" && hash === address()) leave(demonstration.latest);
     },
   };
 }

@@ -131,6 +131,9 @@ def test_a_banner_offers_the_live_demonstration_elsewhere(own_page: Page, fresh:
     assert page.evaluate("location.hash") == "#/datasets"
     page.get_by_role("button", name="Dismiss").click()
     expect(page.locator("#preparing")).to_be_hidden()
+    page.reload()
+    expect(page.locator("h1")).to_have_text("Datasets")
+    expect(page.locator("#preparing")).to_be_hidden()
 
 
 def test_the_banner_is_gone_once_the_demonstration_was_opened(
