@@ -581,7 +581,7 @@ def test_a_page_that_joins_a_paused_flight_shows_the_rest_by_its_newest_sample(
     relay(to_page=forecast)
     own_fly.watch(SAFE, ("pause", None), ("seek", 1.0))
     rest = own_fly.page.locator(".rest-of-card")
-    expect(rest).to_contain_text("80 % of its limit (90 %: 60 % to 90 %)")
+    expect(rest).to_contain_text("80 % of a limit (90 % interval: 60 % to 90 %)")
     own_fly.page.keyboard.press(".")
     expect(own_fly.page.locator(".transport-time")).to_contain_text("1.05 /")
     for _ in range(6):

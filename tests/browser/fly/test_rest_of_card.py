@@ -38,8 +38,8 @@ def frame(t: float, ahead: Any = None, state: str = "ok") -> dict[str, Any]:
             "unknown",
             "not known: too few samples yet",
         ),
-        ({"frames": [frame(1, PEAK)]}, "possible", "◇ may exceed, peak still to come"),
-        ({"frames": [frame(1, PEAK), frame(1.25)]}, "possible", "◇ may exceed, peak still"),
+        ({"frames": [frame(1, PEAK)]}, "possible", "◇ may exceed, peak ahead"),
+        ({"frames": [frame(1, PEAK), frame(1.25)]}, "possible", "◇ may exceed, peak ahead"),
         ({"frames": [frame(1, PEAK), frame(1.3)]}, "unknown", "not known"),
         ({"frames": [frame(1, PEAK), frame(0.9)]}, "unknown", "not known"),
         (

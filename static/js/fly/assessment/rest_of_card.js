@@ -87,7 +87,7 @@ function levelOf({ mean, high }) {
 
 function peakWords(peak, again) {
   const [mean, low, high] = [peak.mean, peak.low, peak.high].map((share) => percent(share, 0));
-  const words = `peak still to come, of any limited channel: ${mean} of its limit (90 %: ${low} to ${high})`;
+  const words = `peak ahead ${mean} of a limit (90 % interval: ${low} to ${high})`;
   return { predicted: `▲ ${again ? "another " : ""}exceedance predicted, `, possible: "◇ may exceed, ", none: "" }[levelOf(peak)] + words;
 }
 

@@ -48,7 +48,7 @@ export function createRiskGauge(element, timeline = null) {
     return svg("text.gauge-tick", { x, y: value === 0.5 ? y + 5 : y + 20 }, String(value)); // the ends' labels are below the arc
   });
   const number = svg("text.gauge-number", { x: CENTRE.x, y: 160 });
-  const shape = svg("path.gauge-shape", { transform: "translate(170 98) scale(1.7)" });
+  const shape = svg("path.gauge-shape", { transform: "translate(170 89) scale(1.7)" });
   const word = svg("text.gauge-word", { x: CENTRE.x, y: 160 });
   const track = svg("path.gauge-track", { d: arc(0, 1) });
   const dial = svg("svg.gauge-dial", { viewBox: `${-MARGIN} 0 ${340 + 2 * MARGIN} 234` },
