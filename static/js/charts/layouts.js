@@ -11,6 +11,7 @@
 
 import { remember, remembered } from "../lib/storage.js";
 import { shownText, unknownItems } from "./arrangement.js";
+import { crossedIn } from "./cross/cross_panel.js";
 import { MARGIN } from "./strips.js";
 
 const KEY = "forewarn.layouts";
@@ -56,8 +57,7 @@ export function layoutFile(keys, name, layout) {
 }
 
 export function unknownParts({ strips = "", panels = "", cross = "" }, known) {
-  const pairs = cross.split(",").filter((pair) => pair !== "");
-  const crossed = pairs.flatMap((pair) => (pair.split(":").length === 2 ? pair.split(":").filter((key) => !known.channels.includes(key)) : [pair]));
+  const crossed = crossedIn(cross).flatMap(({ pair, unknown }) => pair?.filter((key) => !known.channels.includes(key)) ?? [unknown]);
   return [...new Set([...unknownItems(strips, known.strips), ...unknownItems(panels, known.panels), ...crossed])];
 }
 

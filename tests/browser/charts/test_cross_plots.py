@@ -61,6 +61,26 @@ def test_the_cross_plots_are_kept_in_the_address(strips: Open) -> None:
     assert page.get_by_label("Length of the trail").input_value() == "5"
 
 
+def test_a_plot_is_moved_and_magnified_by_the_keyboard(strips: Open) -> None:
+    page = strips("seconds=20#?cross=delta_r:beta,beta:Ny")
+    up = page.get_by_label("Move this cross plot up").last
+    up.press("Enter")
+    assert chosen(page) == [["Ny", "beta"], ["beta", "delta_r"]]
+    expect(page).to_have_url(re.compile(r"cross=beta:Ny,delta_r:beta$"))
+    plots = page.locator(".cross-canvas")
+    before = plots.last.bounding_box()
+    large = page.get_by_label("Large cross plot").last
+    large.press("Enter")
+    expect(large).to_be_focused()
+    expect(page).to_have_url(re.compile(r"cross=beta:Ny,delta_r:beta\*2$"))
+    page.reload()
+    assert chosen(page) == [["Ny", "beta"], ["beta", "delta_r"]]
+    after = plots.last.bounding_box()
+    assert before is not None
+    assert after is not None
+    assert after["height"] > 1.5 * before["height"]
+
+
 def test_the_trail_ends_at_the_newest_sample_or_at_the_cursor(strips: Open) -> None:
     page = opened(strips)
     add(page)

@@ -1,10 +1,11 @@
 /**
- * Cross plots beside the strips: the user adds and removes them, and chooses the two channels of each.
+ * Cross plots beside the strips: the user adds, removes, moves and magnifies them, and chooses the two channels of each.
  *
  * createCrossPanel({channels, strips, dt, scale, simulated, address, changed}) -> CrossPanel
  *     strips: of the chart, whose limits are drawn.   scale: of the axes, as for stripOf of ../strips.js   simulated: of ../simulated.js, or null
  *     address: keeps the choice, see ../../lib/address.js.   changed(): plots were added, removed or exchanged
  * usualPairs(channels) -> [[across, up]]     those of the field among these channels
+ * crossedIn(text) -> [{pair: [across, up], isLarge} | {unknown: text}]     of the address: "delta_r:beta*2,beta:Ny"
  *   element, add()
  *   roomy      whether an axis will narrow
  *   measure(), setPalette(palette), draw(frame)     as a part of ../strip_chart.js
@@ -33,6 +34,13 @@ export function usualPairs(channels) {
   return USUAL.filter((pair) => pair.every((key) => known.has(key)));
 }
 
+export function crossedIn(text) {
+  return text.split(",").filter((word) => word !== "").map((word) => {
+    const [, across, up, large] = /^([^:*]+):([^:*]+)(\*2)?$/.exec(word) ?? [];
+    return up === undefined ? { unknown: word } : { pair: [across, up], isLarge: large !== undefined };
+  });
+}
+
 export function createCrossPanel({ channels, strips, dt, scale = {}, simulated, address, changed }) {
   const held = h("div.cross-plots");
   const trailSelect = h("select", { "aria-label": "Length of the trail", onchange: () => setTrail(Number(trailSelect.value)) }, TRAILS.map((seconds) => h("option", { value: seconds }, `${seconds} s`)));
@@ -40,17 +48,17 @@ export function createCrossPanel({ channels, strips, dt, scale = {}, simulated, 
   const element = h("section.cross-panel", { "aria-label": "Cross plots" }, bar, held);
   const known = new Set(channels.map(({ key }) => key));
   let seconds = TRAILS.find((each) => String(each) === address.get(TRAIL)) ?? USUAL_TRAIL;
-  let plots = pairsOf(address.get(CROSS)).map(plotOf);
+  let plots = plotsOf(address.get(CROSS));
   address.follow(CROSS, (text) => {
-    plots = pairsOf(text).map(plotOf);
+    plots = plotsOf(text);
     show();
   });
   address.follow(TRAIL, (text) => setTrail(Number(text ?? USUAL_TRAIL)));
   show();
 
-  function pairsOf(text) {
-    const pairs = (text ?? "").split(",").map((pair) => pair.split(":"));
-    return pairs.filter((pair) => pair.length === 2 && pair.every((key) => known.has(key))).slice(0, MOST);
+  function plotsOf(text) {
+    const those = crossedIn(text ?? "").filter(({ pair }) => pair?.every((key) => known.has(key)));
+    return those.slice(0, MOST).map(({ pair, isLarge }) => plotOf(pair, isLarge));
   }
 
   function add() {
@@ -67,7 +75,7 @@ export function createCrossPanel({ channels, strips, dt, scale = {}, simulated, 
     return [...usualPairs(channels), ...any].find((pair) => !taken.includes(String(pair))) ?? any[0] ?? [channels[0].key, channels[0].key];
   }
 
-  function plotOf(pair) {
+  function plotOf(pair, isLarge = false) {
     const canvas = h("canvas", { role: "img" });
     const note = h("p.cross-note.dim", { hidden: true });
     const selects = pair.map((key, side) => {
@@ -77,8 +85,10 @@ export function createCrossPanel({ channels, strips, dt, scale = {}, simulated, 
       return select;
     });
     const close = button("✕", () => remove(plot), { class: "button button-small", "aria-label": "✕ Remove this cross plot" });
-    const head = h("div.cross-head", selects[1], h("span.dim", "against"), selects[0], close);
-    const plot = { pair, canvas, element: h("figure.cross-plot", head, h("div.cross-canvas", canvas), note), described: -1e9 };
+    const earlier = button("▲", () => move(plot), { class: "button button-small", "aria-label": "▲ Move this cross plot up" });
+    const size = button("⤢", () => magnify(plot, size), { class: "button button-small", "aria-label": "⤢ Large cross plot", "aria-pressed": String(isLarge) });
+    const head = h("div.cross-head", selects[1], h("span.dim", "against"), selects[0], earlier, size, close);
+    const plot = { pair, isLarge, canvas, element: h("figure.cross-plot", { "data-large": String(isLarge) }, head, h("div.cross-canvas", canvas), note), described: -1e9 };
     plot.drawing = drawingOf(plot, canvas);
     ground(plot, note);
     return plot;
@@ -109,7 +119,21 @@ export function createCrossPanel({ channels, strips, dt, scale = {}, simulated, 
 
   function exchange(plot, side, key) {
     const pair = plot.pair.with(side, key);
-    plots = plots.map((each) => (each === plot ? plotOf(pair) : each));
+    plots = plots.map((each) => (each === plot ? plotOf(pair, plot.isLarge) : each));
+    show();
+  }
+
+  function move(plot) {
+    const at = plots.indexOf(plot);
+    plots.splice(Math.max(0, at - 1), 0, ...plots.splice(at, 1));
+    const focused = document.activeElement;
+    show();
+    if (focused instanceof HTMLElement) focused.focus();
+  }
+
+  function magnify(plot, button) {
+    plot.isLarge = !plot.isLarge;
+    plot.element.dataset.large = button.ariaPressed = String(plot.isLarge);
     show();
   }
 
@@ -125,9 +149,9 @@ export function createCrossPanel({ channels, strips, dt, scale = {}, simulated, 
 
   function show() {
     trailSelect.value = String(seconds);
-    address.set(CROSS, plots.map(({ pair }) => pair.join(":")).join(",") || null);
+    address.set(CROSS, plots.map(({ pair, isLarge }) => `${pair.join(":")}${isLarge ? "*2" : ""}`).join(",") || null);
     address.set(TRAIL, seconds === USUAL_TRAIL ? null : String(seconds));
-    held.replaceChildren(...plots.map((plot) => plot.element));
+    if (plots.length !== held.childElementCount || plots.some(({ element: each }, k) => held.children[k] !== each)) held.replaceChildren(...plots.map((plot) => plot.element));
     element.hidden = plots.length === 0;
     changed();
   }
