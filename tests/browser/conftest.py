@@ -9,7 +9,9 @@ from typing import Protocol
 import pytest
 from playwright.sync_api import Browser, Page, WebSocketRoute, expect
 
+from core.monitor import Monitor
 from tests.browser.chromium import file_server, open_chromium, wait_until
+from tests.browser.recorded_site import RecordedSite, open_recorded_site
 from tests.browser.site import Site, open_site
 from tests.browser.strips import Open
 from tests.browser.window import Window
@@ -71,6 +73,13 @@ def allowed_errors() -> list[str]:
 def fresh(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     """A server that has nothing."""
     with open_site(tmp_path_factory.mktemp("fresh")) as site:
+        yield site
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory, attas: Monitor) -> Iterator[RecordedSite]:
+    """A server with a monitor, for files that have no other."""
+    with open_recorded_site(tmp_path_factory.mktemp("site"), attas) as site:
         yield site
 
 

@@ -9,9 +9,8 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Locator, Page, WebSocketRoute, expect
 
-from core.monitor import Monitor
 from tests.browser.chromium import violations, watch_errors
-from tests.browser.recorded_site import RecordedSite, open_recorded_site
+from tests.browser.recorded_site import RecordedSite
 from tests.browser.recordings.test_scoring_page import SCENE
 from tests.browser.test_time_of_day import dated, scored
 from tests.browser.window import SIZE
@@ -19,12 +18,6 @@ from tests.browser.window import SIZE
 KEYS = ["Ny", "risk", "beta", "p", "r", "delta_a", "delta_r"]
 """Strips of a scoring, from top to bottom."""
 DRAWN = """() => [...document.querySelectorAll("canvas")].map((canvas) => canvas.toDataURL())"""
-
-
-@pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory, attas: Monitor) -> Iterator[RecordedSite]:
-    with open_recorded_site(tmp_path_factory.mktemp("layouts"), attas) as site:
-        yield site
 
 
 @pytest.fixture(scope="module")

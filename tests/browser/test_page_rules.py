@@ -1,7 +1,6 @@
 """Rules of every page: headings, names, contrast, no blank space, own files only."""
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +8,8 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from core import __version__
-from core.monitor import Monitor
 from tests.browser.chromium import violations
-from tests.browser.recorded_site import RecordedSite, open_recorded_site
+from tests.browser.recorded_site import RecordedSite
 
 VIEWS = [
     "",
@@ -75,12 +73,6 @@ def sections(slug: str) -> set[str]:
     """Anchors of a page of the guide."""
     heads = re.findall(r"^#+ (.+)$", (GUIDE / f"{slug}.md").read_text(), re.MULTILINE)
     return {re.sub(r"[^\w -]", "", head.lower()).replace(" ", "-") for head in heads}
-
-
-@pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory, attas: Monitor) -> Iterator[RecordedSite]:
-    with open_recorded_site(tmp_path_factory.mktemp("ruled"), attas) as site:
-        yield site
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,6 @@
 
 import csv
 import re
-from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -10,8 +9,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from core.channels import KEYS
-from core.monitor import Monitor
-from tests.browser.recorded_site import RecordedSite, open_recorded_site
+from tests.browser.recorded_site import RecordedSite
 from tests.browser.recordings.test_scoring_page import SCENE
 from tests.support import attas
 
@@ -26,12 +24,6 @@ TEXTS = """async ([start, moments]) => {
     return texts;
 }"""
 CLOCK = r"\d\d:\d\d:\d\d\.\d\d"
-
-
-@pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory, attas: Monitor) -> Iterator[RecordedSite]:
-    with open_recorded_site(tmp_path_factory.mktemp("clocks"), attas) as site:
-        yield site
 
 
 def dated(content: bytes) -> bytes:

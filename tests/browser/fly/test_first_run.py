@@ -2,15 +2,14 @@
 
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 import pytest
 from playwright.sync_api import Page, expect
 
 from app.messages import Frame, Hello, StatusChange
-from core.monitor import Monitor
 from tests.browser.chromium import wait_until
-from tests.browser.recorded_site import RecordedSite, open_recorded_site
+from tests.browser.recorded_site import RecordedSite
 from tests.browser.site import Site
 from tests.support.demonstration_recording import (
     EXAMPLE,
@@ -31,13 +30,6 @@ COMPILING = {"phase": "compiling", "step": "compiling", "share": 0.25, "elapsed"
 def stored() -> dict[str, str]:
     """The scene is hidden: it is slow to draw here."""
     return {"forewarn.scene": "hidden"}
-
-
-@pytest.fixture(scope="module")
-def used(tmp_path_factory: pytest.TempPathFactory, attas: Monitor) -> Iterator[RecordedSite]:
-    """A server with a monitor."""
-    with open_recorded_site(tmp_path_factory.mktemp("used"), attas) as site:
-        yield site
 
 
 @pytest.fixture
@@ -177,16 +169,16 @@ def test_the_example_plan_is_filled_in(page: Page, fresh: Site):
     expect(page.get_by_label("name of the campaign")).to_have_value("Example build-up")
 
 
-def test_the_example_recording_is_scored_once(page: Page, used: RecordedSite):
+def test_the_example_recording_is_scored_once(page: Page, site: RecordedSite):
     for _ in range(2):
-        page.goto(f"{used.http}/#/")
+        page.goto(f"{site.http}/#/")
         page.get_by_role("button", name="Score an example").click()
         expect(page).to_have_url(re.compile(r"#/recordings/\w+\?scoring=\w+$"))
-    (recording,) = used.ask("GET", "/recordings")
-    assert len(used.ask("GET", f"/recordings/{recording['id']}/scorings")) == 1
+    (recording,) = site.ask("GET", "/recordings")
+    assert len(site.ask("GET", f"/recordings/{recording['id']}/scorings")) == 1
 
 
-def test_a_monitor_that_can_be_simulated_is_preselected(page: Page, used: RecordedSite):
+def test_a_monitor_that_can_be_simulated_is_preselected(page: Page, site: RecordedSite):
     choice = """async () => {
         const { fittingMonitor } = await import("/js/lib/monitors.js");
         const monitor = (id, dataset_recipe, warnings = []) => ({ id, dataset_recipe, warnings });
@@ -197,7 +189,7 @@ def test_a_monitor_that_can_be_simulated_is_preselected(page: Page, used: Record
             [monitor("files", {})],
         ].map((monitors) => fittingMonitor(monitors).id);
     }"""
-    page.goto(f"{used.http}/#/datasets")
+    page.goto(f"{site.http}/#/datasets")
     assert page.evaluate(choice) == ["flown", "flown", "files"]
 
 

@@ -6,9 +6,8 @@ from collections.abc import Iterator
 import pytest
 from playwright.sync_api import Browser, Page, Route, expect
 
-from core.monitor import Monitor
 from tests.browser.chromium import violations, wait_until
-from tests.browser.recorded_site import DT, RecordedSite, open_recorded_site
+from tests.browser.recorded_site import DT, RecordedSite
 from tests.browser.window import Window
 
 START = 3358.0
@@ -67,12 +66,6 @@ LISTED = """async () => {
 def stored() -> dict[str, str]:
     """The scene is hidden: it is slow to draw here."""
     return {"forewarn.scene": "hidden"}
-
-
-@pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory, attas: Monitor) -> Iterator[RecordedSite]:
-    with open_recorded_site(tmp_path_factory.mktemp("replay"), attas) as site:
-        yield site
 
 
 def later(file: bytes) -> bytes:

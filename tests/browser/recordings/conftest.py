@@ -1,20 +1,12 @@
 """A server with a recording, and a scoring of it: what these tests share."""
 
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
 from playwright.sync_api import Page
 
-from core.monitor import Monitor
-from tests.browser.recorded_site import OUTCOMES, RecordedSite, open_recorded_site
+from tests.browser.recorded_site import OUTCOMES, RecordedSite
 from tests.browser.recordings.scored_chart import drawn
-
-
-@pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory, attas: Monitor) -> Iterator[RecordedSite]:
-    with open_recorded_site(tmp_path_factory.mktemp("scored"), attas) as site:
-        yield site
 
 
 @pytest.fixture(scope="module")
