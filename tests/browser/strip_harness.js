@@ -3,8 +3,8 @@
  * `?auto` runs the animation loop; else `harness.draw(wall)` draws once. `?theme=light`, `?seconds=20`.
  */
 
-import { createAlarmPanel } from "/static/js/fly/alarm_panel.js";
-import { createAttitudeIndicator } from "/static/js/fly/attitude_indicator.js";
+import { createAlarmPanel } from "/static/js/fly/alarms/alarm_panel.js";
+import { createAttitudeIndicator } from "/static/js/fly/scene/attitude_indicator.js";
 import { changedChannels } from "/static/js/recordings/mapping/changes.js";
 import { validityWords } from "/static/js/recordings/words.js";
 import { createRingBuffer } from "/static/js/charts/live/ring_buffer.js";
@@ -16,7 +16,7 @@ import { createAddress, keepWindow } from "/static/js/lib/address.js";
 import { addDrawer, loopStats } from "/static/js/lib/draw_loop.js";
 import { createFlightChart } from "/static/js/charts/live/flight_chart.js";
 import { createTimeline } from "/static/js/charts/live/timeline.js";
-import { bindMuteButton, createTone } from "/static/js/fly/tone.js";
+import { bindMuteButton, createTone } from "/static/js/fly/alarms/tone.js";
 import { marginAt, stripOf } from "/static/js/charts/strips.js";
 import { createValueAxis } from "/static/js/charts/value_axis.js";
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-VOICE = Path("static/js/fly/voice")
+VOICE = Path("static/js/fly/alarms/voice")
 WORDS = ("alert", "limit", "abort", "stale")
 RATE = 16_000  # Hz
 QUIET = 0.02  # share of the loudest sample

@@ -12,19 +12,19 @@ import { createAddress, keepWindow } from "../lib/address.js";
 import { ApiError, needs, reason } from "../lib/api.js";
 import { channelsOf, ownLimits } from "../lib/catalog.js";
 import { secondsText } from "../lib/clock.js";
-import { askToConfirm, button, createKeepButton, deleteButton, errorLine, formatted, h, put, state } from "../lib/dom.js";
 import { createComparison } from "../lib/comparison.js";
+import { askToConfirm, button, createKeepButton, deleteButton, errorLine, formatted, h, put, state } from "../lib/dom.js";
 import { createEventList } from "../lib/event_list.js";
 import { withLimits } from "../lib/limits.js";
 import { startFlight, warningLines } from "../lib/monitors.js";
 import { counted, magnitudeIn, quantity } from "../lib/numbers.js";
+import { markerNote, markerText } from "./alarms/flight_markers.js";
 import { summaryLines } from "./assessment/risk_ahead.js";
 import { createRiskGauge } from "./assessment/risk_gauge.js";
 import { putLines } from "./flight_limits.js";
 import { alertLevel, usedEvents } from "./flight_monitors.js";
-import { markerNote, markerText } from "./flight_markers.js";
 import { LEVEL_OF, resultOf } from "./headline.js";
-import { beginningNote, lossText } from "./live_panel.js";
+import { beginningNote, lossText } from "./source/live_panel.js";
 import {
   acknowledgementOf,
   alertText,
@@ -34,8 +34,8 @@ import {
   waitingOf,
   windowOf,
 } from "./panels.js";
-import { createStarts } from "./manoeuvre_starts.js";
 import { bindShortcuts } from "./shortcuts.js";
+import { createStarts } from "./source/manoeuvre_starts.js";
 import { createStatusStrip } from "./status_strip.js";
 import { createWall } from "./wall.js";
 

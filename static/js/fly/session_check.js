@@ -11,8 +11,8 @@ import { needs, reason } from "../lib/api.js";
 import { isSimulated, limitsOfMonitor } from "../lib/catalog.js";
 import { button, errorLine, h, loadingView, put } from "../lib/dom.js";
 import { storeCheck, worstOf } from "../lib/session_check.js";
+import { CALLOUTS } from "./alarms/tone.js";
 import { showLiveFlight, tone } from "./live_flight.js";
-import { CALLOUTS } from "./tone.js";
 
 const TRIPS = 10; // requests that measure link and clock
 const SLOW = 250; // ms, the age from which on a display is stale

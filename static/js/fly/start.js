@@ -16,7 +16,7 @@ import { createDisplayChoice, fittingMonitor, startFlight, warningLines, warning
 import { counted, leadSeconds, moment } from "../lib/numbers.js";
 import { lastCheck, worstOf } from "../lib/session_check.js";
 import { watching } from "../lib/watching.js";
-import { guarantee } from "./alarm_panel.js";
+import { guarantee } from "./alarms/alarm_panel.js";
 import { createLimitChoice } from "./flight_limits.js";
 import { resultOf, staleText } from "./headline.js";
 import { sourceText } from "./panels.js";

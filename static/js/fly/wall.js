@@ -21,8 +21,8 @@ import { secondsText } from "../lib/clock.js";
 import { button, formatted, h, put } from "../lib/dom.js";
 import { isBeyond, limitsOf, limitText, marginOf, withLimits } from "../lib/limits.js";
 import { magnitudeIn, quantity } from "../lib/numbers.js";
+import { soundWords } from "./alarms/tone.js";
 import { showMode } from "./status_strip.js";
-import { soundWords } from "./tone.js";
 
 const MOST = 3;
 const LETTERS = 12; // of a name

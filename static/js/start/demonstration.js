@@ -1,6 +1,6 @@
 /** The recorded demonstration: a simulated flight that fails, replayed without a server's help, unless the live one flies. */
 
-import { guarantee } from "../fly/alarm_panel.js";
+import { guarantee } from "../fly/alarms/alarm_panel.js";
 import { showLiveFlight } from "../fly/live_flight.js";
 import { may } from "../lib/api.js";
 import { demonstration } from "../lib/demonstration.js";

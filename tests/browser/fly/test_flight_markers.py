@@ -150,7 +150,7 @@ def test_an_event_of_a_live_flight_is_in_its_replay_and_its_recording(
 
 
 FLAG = """async (text) => {
-  const { markerNote } = await import("/static/js/fly/flight_markers.js");
+  const { markerNote } = await import("/static/js/fly/alarms/flight_markers.js");
   const { event, flag } = markerNote({ t: 2, word: "EVENT", level: "none", text, by: "local" });
   return [event.text, flag.word, flag.key];
 }"""

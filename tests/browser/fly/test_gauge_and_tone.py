@@ -220,7 +220,7 @@ def test_a_link_is_open_until_the_first_missed_heartbeat(
     page.goto(f"{origin}/browser/strip_harness.html")
     page.evaluate(
         """async () => {
-        const { createConnection } = await import('/static/js/fly/connection.js');
+        const { createConnection } = await import('/static/js/fly/source/connection.js');
         class Scripted {
           static OPEN = 1;
           readyState = 0;
@@ -259,7 +259,7 @@ def test_credit_for_frames_is_given_back_a_quarter_at_a_time(
     own_page.goto(f"{origin}/browser/strip_harness.html")
     given = own_page.evaluate(
         """async () => {
-        const { createConnection } = await import('/static/js/fly/connection.js');
+        const { createConnection } = await import('/static/js/fly/source/connection.js');
         const credits = [];
         let socket;
         class Scripted {
@@ -333,7 +333,7 @@ def test_the_bar_of_the_gauge_is_red_in_an_alert_and_never_calm_beside_a_warning
 
 def test_the_alarm_line_is_never_calm_after_an_exceedance(strips: Open) -> None:
     code = """async (exceeded_t) => {
-      const { createAlarmPanel } = await import("/static/js/fly/alarm_panel.js");
+      const { createAlarmPanel } = await import("/static/js/fly/alarms/alarm_panel.js");
       const element = document.createElement("div");
       const panel = createAlarmPanel(element, { tone: { start() {}, stop() {} } });
       panel.setHeadline({ status: "exceeded", beside: [], exceeded_t });

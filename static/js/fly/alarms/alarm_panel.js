@@ -17,13 +17,13 @@
  *   open()               number of unacknowledged warnings
  */
 
-import { needs, reason } from "../lib/api.js";
-import { secondsText } from "../lib/clock.js";
-import { errorLine, formatted, h, put } from "../lib/dom.js";
-import { sentence } from "../lib/monitors.js";
-import { counted, figure, leadSeconds, magnitudeIn, quantity, riskText } from "../lib/numbers.js";
-import { shownState } from "../lib/states.js";
-import { CAUTION_WORDS, cautionText, waitingOf } from "./panels.js";
+import { needs, reason } from "../../lib/api.js";
+import { secondsText } from "../../lib/clock.js";
+import { errorLine, formatted, h, put } from "../../lib/dom.js";
+import { sentence } from "../../lib/monitors.js";
+import { counted, figure, leadSeconds, magnitudeIn, quantity, riskText } from "../../lib/numbers.js";
+import { shownState } from "../../lib/states.js";
+import { CAUTION_WORDS, cautionText, waitingOf } from "../panels.js";
 
 const GOES_ON = {
   exceeding: "LIMIT EXCEEDED continues, acknowledged",

@@ -14,11 +14,11 @@
  * markerNote(marker) -> {event, flag}    for the event list and the strips
  */
 
-import { needs, reason } from "../lib/api.js";
-import { secondsText } from "../lib/clock.js";
-import { button, errorLine, h, put } from "../lib/dom.js";
-import { capital } from "../lib/numbers.js";
-import { LEVEL_OF } from "./headline.js";
+import { needs, reason } from "../../lib/api.js";
+import { secondsText } from "../../lib/clock.js";
+import { button, errorLine, h, put } from "../../lib/dom.js";
+import { capital } from "../../lib/numbers.js";
+import { LEVEL_OF } from "../headline.js";
 
 const SET = "POST /flights/{}/markers";
 const ANSWERED = 1000; // ms

@@ -20,7 +20,7 @@
  * bindMuteButton(button, tone, signal)    until its abort: it follows the tone, and the first touch of the page unlocks that
  */
 
-import { remember, remembered } from "../lib/storage.js";
+import { remember, remembered } from "../../lib/storage.js";
 
 const KEY = "forewarn.muted";
 const VOICE_KEY = "forewarn.voice";

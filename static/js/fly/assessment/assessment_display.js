@@ -20,13 +20,13 @@ import { createFlightChart } from "../../charts/live/flight_chart.js";
 import { createTimeline } from "../../charts/live/timeline.js";
 import { createSimulated } from "../../charts/simulated.js";
 import { keepWindow } from "../../lib/address.js";
+import { createComparison } from "../../lib/comparison.js";
 import { reasonOf, shownState } from "../../lib/states.js";
 import { alertLevel } from "../flight_monitors.js";
 import { headlineOf, isStale } from "../headline.js";
-import { createStarts } from "../manoeuvre_starts.js";
 import { windowOf } from "../panels.js";
+import { createStarts } from "../source/manoeuvre_starts.js";
 import { createRestOfCard } from "./rest_of_card.js";
-import { createComparison } from "../../lib/comparison.js";
 import { createRiskAhead } from "./risk_ahead.js";
 import { createRiskGauge } from "./risk_gauge.js";
 

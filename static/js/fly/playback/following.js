@@ -10,7 +10,7 @@
 import { may } from "../../lib/api.js";
 import { button, errorLine, h, put } from "../../lib/dom.js";
 import { counted } from "../../lib/numbers.js";
-import { SCREEN } from "../connection.js";
+import { SCREEN } from "../source/connection.js";
 
 const GRACE = 500; // ms that this screen may be elsewhere, as right after a seek
 const NOBODY = "local"; // the person of a server without tokens

@@ -8,8 +8,8 @@
  * that is integrated from rates is marked with ≈.
  */
 
-import { h, put, svg } from "../lib/dom.js";
-import { reading, shownIn } from "../lib/numbers.js";
+import { h, put, svg } from "../../lib/dom.js";
+import { reading, shownIn } from "../../lib/numbers.js";
 
 const DEG = 180 / Math.PI;
 const PER_DEGREE = 1.4; // of pitch, in units of the face, which has a radius of 50

@@ -10,8 +10,8 @@
  *     wake: the server is back.   close: the flight has ended
  */
 
-import { button as buttonOf, h, state } from "../lib/dom.js";
-import { remember, remembered } from "../lib/storage.js";
+import { button as buttonOf, h, state } from "../../lib/dom.js";
+import { remember, remembered } from "../../lib/storage.js";
 import { createAttitudeIndicator } from "./attitude_indicator.js";
 
 const KEY = "forewarn.scene";

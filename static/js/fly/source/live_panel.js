@@ -13,10 +13,10 @@
  * lossText(live) -> [string]     samples of an ended flight, received and not used, by kind
  */
 
-import { may, needs } from "../lib/api.js";
-import { errorLine, h, put } from "../lib/dom.js";
-import { counted, leadSeconds } from "../lib/numbers.js";
-import { createItems } from "./status_strip.js";
+import { may, needs } from "../../lib/api.js";
+import { errorLine, h, put } from "../../lib/dom.js";
+import { counted, leadSeconds } from "../../lib/numbers.js";
+import { createItems } from "../status_strip.js";
 
 const BEGIN = "POST /flights/{}/manoeuvre";
 const ACCEPT = "POST /flights/{}/sender";

@@ -6,7 +6,7 @@
  *     from: "onset", "trim" segment before it, or start of the "rollout"
  */
 
-import { scoringStarts } from "../recordings/scoring/events.js";
+import { scoringStarts } from "../../recordings/scoring/events.js";
 
 export function createStarts({ api, source, live, start }) {
   let scored = [];

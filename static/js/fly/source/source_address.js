@@ -5,9 +5,9 @@
  *     waiting: before the first sample, it is all that is shown
  */
 
-import { asksForToken } from "../lib/api.js";
-import { channelName } from "../lib/catalog.js";
-import { formatted, h, put } from "../lib/dom.js";
+import { asksForToken } from "../../lib/api.js";
+import { channelName } from "../../lib/catalog.js";
+import { formatted, h, put } from "../../lib/dom.js";
 
 const ANY = /^(0\.0\.0\.0|\[::\]):/; // every address of the server
 const COPIED = 1500; // ms that the button shows it

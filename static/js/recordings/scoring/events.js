@@ -5,7 +5,7 @@
  * flagsOf(scoring)    exceedances in the values as recorded only.   limitsInForceOf(scoring): null without a limit set
  * exceededIn(scoring) -> keys of the channels that exceeded a limit, in a manoeuvre or outside
  * manoeuvresOf(scoring, offset) -> [{start, end, withdrawn, silent}]     withdrawn: its time, or null
- * scoringStarts(scoring) -> [{t, from}]     of manoeuvres, not of a recording as a whole; see ../../fly/manoeuvre_starts.js
+ * scoringStarts(scoring) -> [{t, from}]     of manoeuvres, not of a recording as a whole; see ../../fly/source/manoeuvre_starts.js
  */
 
 import { secondsText } from "../../lib/clock.js";
