@@ -38,7 +38,7 @@ from app.routes.dependencies import (
 )
 from app.routes.jobs import ACCEPTED, accepted, queued
 from app.routes.sent_files import BINARY, CONTENT, OCTETS, sent_file
-from app.scene.own_airframe import LARGEST, own_airframe
+from app.scene.own_airframe import LARGEST, check_airframe
 from app.store.airframes import AirframeInfo
 from app.store.jobs import JobInfo
 from app.store.monitors import MonitorInfo
@@ -376,7 +376,7 @@ async def put_airframe(
         content += chunk
         if len(content) > LARGEST:
             break
-    await asyncio.to_thread(own_airframe, bytes(content))
+    await asyncio.to_thread(check_airframe, bytes(content))
     return await asyncio.to_thread(store.airframes.put, monitor_id, bytes(content), person.name)
 
 

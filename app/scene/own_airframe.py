@@ -22,6 +22,8 @@ LARGEST = 8 * 2**20
 MOST_TRIANGLES, MOST_NODES, MOST_COLOURS = 300_000, 2_000, 60
 LONGEST = 16.0
 """Drawn length of an aircraft that is long for its span [m]."""
+SIZES = 0.1, 1_000.0
+"""Least and greatest length and span of a file: models up to airships [m]."""
 MAGIC, VERSION = b"glTF", 2
 JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 TRIANGLES = 4
@@ -50,21 +52,23 @@ class AirframeError(ValueError):
     """A file that is no aircraft to draw: what it is, and what is needed."""
 
 
+def check_airframe(content: bytes) -> None:
+    """AirframeError for a file that cannot be drawn, or whose aircraft has no plausible size."""
+    own_airframe(content)
+    length, span, height = np.ptp(_corners(_meshes(content)), axis=0)
+    least, most = SIZES
+    if not (least <= min(length, span) and max(length, span, height) <= most):
+        raise AirframeError(
+            f"the aircraft is {length:.3g} m long, {span:.3g} m wide and {height:.3g} m high; from "
+            f"{least:g} to {most:,.0f} m are drawn: scale it to metres, or remove what lies far out"
+        )
+
+
 @lru_cache(maxsize=4)
 def own_airframe(content: bytes) -> tuple[Part, ...]:
     """A part a colour, its span that of the other aircraft. AirframeError if it cannot be drawn."""
-    try:
-        with np.errstate(all="ignore"):
-            meshes = _Document(*_chunks(content)).meshes()
-    except AirframeError:
-        raise
-    except DAMAGE as error:
-        raise AirframeError(f"the file is damaged ({error}): export it again as .glb") from None
-    if not meshes:
-        raise AirframeError("the file has no triangles: export the aircraft's surface as .glb")
-    everything = np.concatenate([vertices for vertices, _ in meshes.values()])
-    if not np.isfinite(everything).all():
-        raise AirframeError("the file has vertices that are no numbers: export it again as .glb")
+    meshes = _meshes(content)
+    everything = _corners(meshes)
     low, high = everything.min(0), everything.max(0)
     length, span, _ = high - low
     if not min(length, span) > 0.0:
@@ -79,6 +83,26 @@ def own_airframe(content: bytes) -> tuple[Part, ...]:
         )
         for k, (colour, (vertices, faces)) in enumerate(meshes.items())
     )
+
+
+def _meshes(content: bytes) -> dict[Colour, Mesh]:
+    try:
+        with np.errstate(all="ignore"):
+            meshes = _Document(*_chunks(content)).meshes()
+    except AirframeError:
+        raise
+    except DAMAGE as error:
+        raise AirframeError(f"the file is damaged ({error}): export it again as .glb") from None
+    if not meshes:
+        raise AirframeError("the file has no triangles: export the aircraft's surface as .glb")
+    return meshes
+
+
+def _corners(meshes: dict[Colour, Mesh]) -> npt.NDArray[np.float64]:
+    corners = np.concatenate([vertices for vertices, _ in meshes.values()])
+    if not np.isfinite(corners).all():
+        raise AirframeError("the file has vertices that are no numbers: export it again as .glb")
+    return corners
 
 
 def _chunks(content: bytes) -> tuple[dict[str, Any], bytes]:

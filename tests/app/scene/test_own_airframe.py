@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.scene.airframes import SPAN, airframe
-from app.scene.own_airframe import LARGEST, AirframeError, own_airframe
+from app.scene.own_airframe import LARGEST, AirframeError, check_airframe, own_airframe
 from app.scene.scene import Scene
 from core.simulation.attitude import SurfaceSigns
 from tests.support.glb_file import glb, plain_of, with_plain
@@ -108,13 +108,16 @@ def vast() -> bytes:
         (changed(accessors=[]), "damaged"),
         (changed(nodes=[{"mesh": 0, "scale": [1e308, 1e308, 1e308]}]), "no numbers"),
         (changed(nodes=[{"mesh": 0, "scale": [0, 1, 1]}]), "flat"),
+        (glb(((10, 1, 8), (0, 0, 0)), ((1, 1, 1), (0, 0, 1e30))), r"1e\+30 m long"),
+        (glb(((10, 1, 8), (0, 0, 0)), ((1, 1, 1), (0, 2000, 0))), "metres"),
+        (changed(nodes=[{"mesh": 0, "scale": [0.001, 0.001, 0.001]}]), "0.008 m long"),
         (cyclic(), "nodes"),
         (vast(), "triangles"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused_with_its_reason(content: bytes, words: str):
     with pytest.raises(AirframeError, match=words):
-        own_airframe(content)
+        check_airframe(content)
 
 
 @given(st.integers(12, len(BOX) - 1), st.integers(0, 255))
