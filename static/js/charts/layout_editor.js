@@ -71,7 +71,7 @@ export function createLayoutEditor({ arrangement, panels, address, keys, presets
     return h("div.row.layout-saved", form, stored,
       button("Save as file", () => saveText(layoutFile(keys, name.value || "layout", layoutNow(address)), `${name.value || "layout"}.json`, "application/json"), small),
       button("Open a file", () => file.click(), small), file,
-      h("span.hint", "The page's address holds the layout too: a link shares it."));
+      h("span.hint", "The page's address holds the layout: share it as a link."));
 
     function list() {
       const known = Object.keys(savedLayouts(keys)).sort();

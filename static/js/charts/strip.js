@@ -69,7 +69,9 @@ export function createStrip(canvas, strip) {
     for (const band of frame.bands) drawBand(band);
     lastSign = -Infinity;
     const flagged = face.flagWords(frame);
-    for (const band of frame.bands) drawWord(band, frame, flagged); // no word may hide the trace
+    const taken = flagged.map(({ left, right, height }) => ({ left, right, top: height - 8, bottom: height + 8 }));
+    const [first, others] = [true, false].map((said) => frame.bands.filter(({ kind }) => Boolean(BANDS[kind].said) === said));
+    for (const band of [...first, ...others]) drawWord(band, frame, taken); // no word may hide the trace
     face.thresholds(frame);
     kept.draw(frame, begin, (ink, piece) => drawCells(ink, frame, over, piece));
     if (strip.axis.beyond) face.word("OFF SCALE", frame.width - face.wide("OFF SCALE") / 2 - 4, face.height - 12, face.palette.text);
@@ -163,7 +165,8 @@ export function createStrip(canvas, strip) {
     pen.globalAlpha = 1;
   }
 
-  function drawWord({ x0, x1, kind, word }, { width, alertAbove }, flagged) {
+  /** taken: [{left, right, top, bottom}] of other words; this one is added. */
+  function drawWord({ x0, x1, kind, word }, { width, alertAbove }, taken) {
     const { said = false, level = false, sign, least = 0 } = BANDS[kind];
     if (!strip.risk && !said) return;
     const [left, right] = [Math.max(0, x0), Math.min(width, x1)];
@@ -171,13 +174,19 @@ export function createStrip(canvas, strip) {
     const long = face.wide(word) + 2;
     const colour = kind === "alert" ? face.palette.alert : face.palette.text;
     const isAlert = kind === "alert"; // the risk is above its level then
-    const beside = (half) => flagged.filter((other) => other.left < middle + half && other.right > middle - half).map(({ height }) => [height - 8, height + 8]);
-    const height = face.free(face.height / (isAlert ? 1 : 2), [...beside(Math.min(long, room) / 2), ...(isAlert ? [[0, y(alertAbove)]] : [])]);
+    const beside = (half) => taken.filter((other) => other.left < middle + half && other.right > middle - half);
+    const spans = beside(Math.min(long, room) / 2).map(({ top, bottom }) => [top, bottom]);
+    const height = face.free(face.height / (isAlert ? 1 : 2), isAlert ? [...spans, [0, y(alertAbove)]] : spans);
     const between = face.longest();
-    if (long <= room && Number.isFinite(height)) face.word(word, middle, height, colour);
-    else if (level) return;
-    else if (!isAlert && long <= between.room && room >= 18 && beside(9).length === 0) face.upright(word, middle, between.middle, colour);
-    else if (sign && room >= least && middle - lastSign >= SPARSE && Number.isFinite(height)) {
+    const take = (half, at, high) => taken.push({ left: middle - half, right: middle + half, top: at - high, bottom: at + high });
+    if (long <= room && Number.isFinite(height)) {
+      face.word(word, middle, height, colour);
+      take(long / 2, height, 8);
+    } else if (level) return;
+    else if (!isAlert && long <= between.room && room >= 18 && beside(9).length === 0) {
+      face.upright(word, middle, between.middle, colour);
+      take(9, between.middle, long / 2);
+    } else if (sign && room >= least && middle - lastSign >= SPARSE && Number.isFinite(height)) {
       face.word(sign, middle, height, colour);
       lastSign = middle;
     }
