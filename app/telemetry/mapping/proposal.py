@@ -299,7 +299,7 @@ def _note_unchecked(builder: ProposalBuilder, candidates: Candidates) -> None:
         if key not in builder.channels and (is_lateral or key not in ATTITUDE):
             similar = [candidate.signal.name for candidate in candidates.by_key.get(key, ())][:1]
             but = f" ({similar[0]} is doubtful)" if similar else ""
-            builder.notes.append(f"no signal is {TARGETS[key].label}{but}: {check}")
+            builder.notes.append(f"no {TARGETS[key].label} in the file{but}: {check}")
 
 
 def _timeless(builder: ProposalBuilder) -> Iterator[tuple[str, str]]:

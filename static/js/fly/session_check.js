@@ -9,7 +9,7 @@
 import { labelled, select } from "../forms/controls.js";
 import { needs, reason } from "../lib/api.js";
 import { isSimulated, limitsOfMonitor } from "../lib/catalog.js";
-import { button, errorLine, h, loadingView, put } from "../lib/dom.js";
+import { button, errorLine, formatted, h, loadingView, put } from "../lib/dom.js";
 import { storeCheck, worstOf } from "../lib/session_check.js";
 import { CALLOUTS } from "./alarms/tone.js";
 import { showLiveFlight, tone } from "./live_flight.js";
@@ -20,6 +20,7 @@ const WRONG = 500; // ms between the clocks
 const SEEDS = 10; // flights in which one with an alert is looked for
 const LOOK = 100; // ms
 const DRILL = 60_000; // ms
+const UNHEARD = "tone not played";
 const LEVELS = { passed: "ok", failed: "alert", "not done": "caution" };
 const NAMES = { program: "program", monitor: "monitor", limits: "limits", clock: "clock", link: "link", sound: "sound", drill: "alert drill" };
 
@@ -37,7 +38,7 @@ export function showSessionCheck(element, { query, api }) {
 
   async function build(_, monitors, sets, catalog, me) {
     if (monitors.length === 0) return h("div.page", h("h1", "Session check"), h("p", "There is no monitor yet: train one first."));
-    const results = new Map(Object.keys(NAMES).map((key) => [key, { result: "not done", text: "not done" }]));
+    const results = new Map(Object.keys(NAMES).map((key) => [key, { result: "not done", text: key === "sound" ? UNHEARD : "" }]));
     const monitor = select(monitors.map(({ id, name }) => [id, name]), { value: query.get("monitor") ?? monitors[0].id, onchange: again });
     const set = select([["", "the monitor's own"], ...sets.map(({ id, name, newest }) => [id, `${name}, version ${newest}`])], { onchange: again });
     const chosen = () => monitors.find(({ id }) => id === monitor.value);
@@ -54,7 +55,7 @@ export function showSessionCheck(element, { query, api }) {
     rows.get("link").acts.append(button("Measure again", measure, small));
     const page = h("div.page", h("div.panel.session-check",
       h("h1", "Session check"),
-      h("p.hint", "Before the first point. The result becomes an event of the flights that this browser then starts, also what failed or was not done."),
+      h("p.hint", "Do this before the first point. Flights started in this browser then record the result, with all that failed or was not done."),
       h("div.row", labelled("Monitor", monitor).element, labelled("Limits", set).element),
       head,
       h("table.check-table", h("caption.visually-hidden", "Checks"), h("tbody", [...rows.values()].map(({ element: each }) => each))),
@@ -76,7 +77,7 @@ export function showSessionCheck(element, { query, api }) {
       for (const [each, { result, text: words }] of results) {
         put(rows.get(each).result, result);
         rows.get(each).result.dataset.level = LEVELS[result];
-        put(rows.get(each).text, words);
+        rows.get(each).text.replaceChildren(formatted(words));
       }
       const worst = worstOf(check);
       put(head, `${worst === "passed" ? "✓ Session check passed" : `◆ Session check ${worst === "failed" ? "FAILED" : "NOT COMPLETE"}`}, ${check.at.slice(0, 19).replace("T", " ")} UTC, by ${me.name}`);
@@ -89,14 +90,14 @@ export function showSessionCheck(element, { query, api }) {
 
     function store() {
       storeCheck(checked());
-      put(kept, "Stored: flights started in this browser in the next 12 hours have it as an event.");
+      put(kept, "Stored: flights started in this browser in the next 12 hours record it.");
     }
 
     /** All that needs nobody, for the chosen monitor and limits; sound and drill stay as they are but for another monitor. */
     function again() {
       const { name, digest, version, warnings } = chosen();
       say("monitor", warnings.length === 0, `${name}, sha-256 ${digest.slice(0, 12)}, trained by ${version}${warnings.length > 0 ? `; ${warnings.join("; ")}` : ""}`);
-      say("drill", null, isSimulated(chosen()) ? "not done" : "not possible: this monitor's test cannot be simulated");
+      say("drill", null, isSimulated(chosen()) ? "not flown" : "not possible: this monitor's test cannot be simulated");
       attempt("limits", readLimits);
       attempt("program", readProgram);
       measure();
@@ -146,7 +147,7 @@ export function showSessionCheck(element, { query, api }) {
     function chooseVoice() {
       tone.setVoice(voice.checked);
       callouts.hidden = !voice.checked;
-      say("sound", null, "not done");
+      say("sound", null, UNHEARD);
     }
 
     function play(callout) {

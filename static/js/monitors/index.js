@@ -75,7 +75,7 @@ function listOf(monitors, catalog) {
   const columns = [
     ["Name", (monitor) => [h("a", { href: `#/monitors/${monitor.id}` }, monitor.name), warningMark(monitor)], "name"],
     ["Aircraft", (monitor) => testNames(catalog, monitor)[0]],
-    ["Manoeuvre", (monitor) => testNames(catalog, monitor)[1], "nowrap"],
+    ["Manoeuvre", (monitor) => testNames(catalog, monitor)[1]],
     ["Lead time", ({ lead }) => `${figure(lead)} s`, "number"],
     ["ε", ({ epsilon }) => figure(epsilon), "number"],
     ["Missed", ({ missed }) => shareOf(missed), "number"],

@@ -25,7 +25,7 @@ export function show(element, { id, api, navigate }) {
 
   function build(_, catalog, sets, monitors) {
     const form = createSetForm(catalog, monitors, async (made) => navigate(`#/sets/${(await api.post("/monitor-sets", made)).id}`));
-    const begin = button("Make a monitor set", () => form.querySelector("input").focus(), { class: "button button-primary", ...needs(ROUTE) });
+    const begin = button("Create a monitor set", () => form.querySelector("input").focus(), { class: "button button-primary", ...needs(ROUTE) });
     const list = sets.length
       ? table({ columns: COLUMNS, items: sets })
       : empty(
@@ -53,14 +53,14 @@ function createSetForm(catalog, monitors, send) {
   const named = labelled("Name", name);
   const conditions = createConditions(catalog, [{ name: "", ranges: {} }, { name: "", ranges: {} }], monitorOf);
   return createForm({
-    title: "Make a monitor set",
-    word: "Make the monitor set",
+    title: "Create a monitor set",
+    word: "Create the monitor set",
     route: ROUTE,
     classes: "panel form",
     fields: [group({ name: named }, () => (name.value.trim() ? [] : [[named, "No name was given: name the monitor set."]])), conditions],
     content: [
       h("h2", "New monitor set"),
-      h("p.hint", `Conditions may overlap at their ends: there the monitor in use stays in use. An empty field is unbounded. ${SHARED}`),
+      h("p.hint", `Conditions may overlap at their ends; the monitor in use then stays in use. An empty field is unbounded. ${SHARED}`),
       named.element,
       conditions.elements,
       labelled("Reason", why).element,
