@@ -256,6 +256,30 @@ def test_no_layout_hides_an_alarm_or_a_call(
     expect(page.locator(".event-panel .event").first).to_be_visible()
 
 
+def drag(page: Page, handle: Locator, over: Locator) -> None:
+    handle.hover()
+    page.mouse.down()
+    over.hover(position={"x": 5, "y": 3})
+    page.mouse.up()
+
+
+def test_panels_and_strips_are_dragged_to_another_place(
+    own_page: Page, site: RecordedSite, flight: str
+) -> None:
+    page = own_page
+    page.set_viewport_size({"width": 1440, "height": 900})
+    page.goto(f"{site.http}/#/fly/{flight}")
+    drag(page, page.get_by_role("heading", name="Events"), page.locator(".gauge-panel"))
+    expect(page).to_have_url(re.compile("panels=scene,events,gauge,card$"))
+    events, gauge = (page.locator(part).bounding_box() for part in (".event-panel", ".gauge-panel"))
+    assert events is not None
+    assert gauge is not None
+    assert events["y"] < gauge["y"]
+    editor = edit(page)
+    drag(page, part(editor, "r").locator("th"), part(editor, "p").locator("th"))
+    expect(page).to_have_url(re.compile("strips=Ny,beta,r,p,"))
+
+
 def test_keys_typed_into_the_layout_editor_are_no_shortcuts_but_calls_work_beside_its_fields(
     own_page: Page, site: RecordedSite, flight: str
 ) -> None:

@@ -9,6 +9,7 @@
 import { button, errorLine, formatted, h, hiddenHead, put } from "../lib/dom.js";
 import { decimal } from "../lib/numbers.js";
 import { SIZES } from "./arrangement.js";
+import { dragInOrder } from "./drag_order.js";
 import { applyLayout, layoutFile, layoutNow, layoutOf, savedLayouts, saveLayout, unknownParts } from "./layouts.js";
 import { saveText } from "./picture.js";
 import { namesAlone, ONLY, openAlone } from "./side_panels.js";
@@ -119,6 +120,7 @@ function tableOf(caption, arrangement, failure, isScaled) {
   const heads = ["Part", "Show", "Size", isScaled && "Scale"].filter(Boolean).map((word) => h("th", { scope: "col" }, word));
   arrangement.subscribe(show);
   show();
+  dragInOrder(body, "th", ({ dataset }) => dataset.part, arrangement);
   return h("div.layout-table", h("table", h("caption", caption), h("thead", h("tr", heads, h("th", { scope: "col" }, hiddenHead("Order")))), body));
 
   function show() {

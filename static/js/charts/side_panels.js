@@ -10,6 +10,7 @@
  */
 
 import { createArrangement } from "./arrangement.js";
+import { dragInOrder } from "./drag_order.js";
 
 export const ONLY = "only";
 
@@ -20,6 +21,7 @@ export function arrangePanels(address, column, panels) {
   const usual = keys.join();
   arrangement.subscribe(place);
   place();
+  dragInOrder(column, "h2", (part) => keys.find((key) => panels[key].element === part) ?? null, arrangement);
   return arrangement;
 
   function place() {
