@@ -3,7 +3,7 @@
  *
  * layOut(host, strips, label, arrangement) -> {rows, rowOf: [{canvas, readout}], axis, keys, arrangement, bar: {element, mode, interval, values}, onchange}
  *     strips: as arranged by strips.js; of one that is a number only the reading is shown, below the time axis
- *     arrangement: of arrangement.js.   keys: element for what the keys do.   bar: its buttons follow the other elements
+ *     arrangement: of arranging/arrangement.js.   keys: element for what the keys do.   bar: its buttons follow the other elements
  *     onchange(): to be set; the arrangement changed
  * stripArrangement(address, strips) -> Arrangement of them
  * createSheet(canvas) -> Sheet     a canvas drawn in units, in the colours of its theme
@@ -19,7 +19,7 @@
 
 import { button, h } from "../lib/dom.js";
 import { shownIn } from "../lib/numbers.js";
-import { createArrangement } from "./arrangement.js";
+import { createArrangement } from "./arranging/arrangement.js";
 import { hatch } from "./palette.js";
 
 export const GUTTER = 46;

@@ -4,7 +4,7 @@
  * createStripChart(host, {strips, channels, source, layout, extras, steps, autostart, address, simulated, starts}) -> StripChart
  *     strips: [Strip] of channels, see strips.js.   layout: of layout.js, in the host
  *     extras: more sheets, and others with draw(frame).   address: keeps the view, see ../lib/address.js
- *     scale: of the cross plots' axes, as for stripOf of strips.js.   panels: Arrangement of those beside the chart, see side_panels.js; without them the layout cannot be edited
+ *     scale: of the cross plots' axes, as for stripOf of strips.js.   panels: Arrangement of those beside the chart, see arranging/side_panels.js; without them the layout cannot be edited
  *     simulated: flights behind the flight, see simulated.js; null for none.   starts() -> [{t [s], from}] of manoeuvres
  *     steps {next, back}: what two more buttons do, keys N and P.   autostart false: draws nothing until update()
  *   update(wall) -> ms      draws now, if anything changed; returns the time it took
@@ -31,18 +31,18 @@ import { dayClock, formatTime, intervalText } from "../lib/clock.js";
 import { button, h } from "../lib/dom.js";
 import { addDrawer } from "../lib/draw_loop.js";
 import { moment, shownIn } from "../lib/numbers.js";
+import { createLayoutEditor } from "./arranging/layout_editor.js";
+import { presetsOf } from "./arranging/layouts.js";
+import { createViewMenu } from "./arranging/view_menu.js";
 import { createCrossPanel, usualPairs } from "./cross/cross_panel.js";
 import { attachControls } from "./input.js";
 import { createSheet } from "./layout.js";
-import { createLayoutEditor } from "./layout_editor.js";
-import { presetsOf } from "./layouts.js";
 import { readPalette, watchTheme } from "./palette.js";
 import { createVectorCanvas, pictureOf, savePicture, savePixels, saveText, valuesOf } from "./picture.js";
 import { createReadings } from "./readings.js";
+import { createSafeChoice } from "./simulated.js";
 import { createStrip } from "./strip.js";
 import { roundStep, roundTicks } from "./value_axis.js";
-import { createSafeChoice } from "./simulated.js";
-import { createViewMenu } from "./view_menu.js";
 
 const STEPS = [10, 15, 30, 60, 120, 300, 600, 1200, 1800, 3600, 7200, 14400, 21600]; // s, of long times
 const READ_EVERY = 200; // ms; faster digits cannot be read

@@ -2,7 +2,7 @@
  * The panels of a flight on the page, and words that several of them share.
  *
  * createFlightPanels(element, address) -> {name: element}     view: holds the others.   refused: of a marker that was not set
- *     arranged, alone: of ../charts/side_panels.js
+ *     arranged, alone: of ../charts/arranging/side_panels.js
  * liveZero(live)    for setZero of ../lib/clock.js
  * windowOf({duration, lead}) -> s     width of the strips; a short flight fills them
  * cautionText({kind, reason}, at)     "NOT APPLICABLE at 3.4 s: ..."; at: time in words
@@ -11,7 +11,7 @@
  * recordedFlag(alarm) -> {key, t, word} | null    mark of an exceedance as recorded, not from trim
  */
 
-import { arrangePanels, showAlone } from "../charts/side_panels.js";
+import { arrangePanels, showAlone } from "../charts/arranging/side_panels.js";
 import { secondsText } from "../lib/clock.js";
 import { h } from "../lib/dom.js";
 import { quantity, riskText } from "../lib/numbers.js";

@@ -6,7 +6,7 @@
  * the mouse made stays until a camera is chosen or reset.
  *
  * createSceneFrame(element, flight, address) -> {show(frame, hello), nextCamera(), wake(), close(text)}
- *     address: see ../lib/address.js.   show: the newest sample's attitude in figures, null for none
+ *     address: see ../../lib/address.js.   show: the newest sample's attitude in figures, null for none
  *     wake: the server is back.   close: the flight has ended
  */
 

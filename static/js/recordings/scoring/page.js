@@ -1,7 +1,7 @@
 /** One scoring: strips, events, verdicts and notes, with replay, report and export. */
 
+import { arrangePanels, showAlone } from "../../charts/arranging/side_panels.js";
 import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
-import { arrangePanels, showAlone } from "../../charts/side_panels.js";
 import { createSimulated } from "../../charts/simulated.js";
 import { foldedPanel } from "../../forms/controls.js";
 import { createAddress } from "../../lib/address.js";

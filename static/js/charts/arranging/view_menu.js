@@ -4,7 +4,7 @@
  * createViewMenu(items) -> element
  */
 
-import { h } from "../lib/dom.js";
+import { h } from "../../lib/dom.js";
 
 export function createViewMenu(items) {
   const menu = h("details.view-menu", h("summary", { class: "button button-small", "aria-label": "View: layout, time, files" }, "View"), h("div.view-items", items));

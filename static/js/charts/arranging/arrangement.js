@@ -2,7 +2,7 @@
  * Which of a view's parts are shown, in which order, how large and on which scale; kept in its address.
  *
  * createArrangement(address, name, usual, parts) -> Arrangement
- *     address: see ../lib/address.js; name: in it.   usual: [{key, as}] from top to bottom
+ *     address: see ../../lib/address.js; name: in it.   usual: [{key, as}] from top to bottom
  *     parts: [{key, label, ways, factor, unit}]; ways: what `as` may be, "shown" the first, "hidden" the last; factor: of a scale in `unit`, null for none
  *   items        [{key, as, size, range: [low, high] | null}]; size: of SIZES, range: in the part's own unit
  *   shown(key) -> as      as it stands on the page: a part that must be seen is never hidden or reduced

@@ -6,12 +6,12 @@
  *     presets: {word: layout}, see layouts.js.   unknown: element for what the link asks for and this view does not have
  */
 
-import { button, errorLine, formatted, h, hiddenHead, put } from "../lib/dom.js";
-import { decimal } from "../lib/numbers.js";
+import { button, errorLine, formatted, h, hiddenHead, put } from "../../lib/dom.js";
+import { decimal } from "../../lib/numbers.js";
+import { saveText } from "../picture.js";
 import { SIZES } from "./arrangement.js";
 import { dragInOrder } from "./drag_order.js";
 import { applyLayout, layoutFile, layoutNow, layoutOf, savedLayouts, saveLayout, unknownParts } from "./layouts.js";
-import { saveText } from "./picture.js";
 import { namesAlone, ONLY, openAlone } from "./side_panels.js";
 
 const WAYS = { shown: "shown", number: "number", hidden: "hidden" };

@@ -9,17 +9,17 @@
  * layoutFile(keys, name, layout) -> text, layoutOf(text) -> {name, layout}     throws an Error: why it is none
  */
 
-import { remember, remembered } from "../lib/storage.js";
+import { remember, remembered } from "../../lib/storage.js";
+import { crossedIn } from "../cross/cross_panel.js";
+import { MARGIN } from "../strips.js";
 import { shownText, unknownItems } from "./arrangement.js";
-import { crossedIn } from "./cross/cross_panel.js";
-import { MARGIN } from "./strips.js";
 
 const KEY = "forewarn.layouts";
 const FORMAT = "forewarn_layout";
 const VERSION = 1;
 const PARTS = ["strips", "panels", "cross", "trail", "band", "wall"];
 
-/** strips: of strips.js.   panels: Arrangement of those beside them.   pairs: of channels that are usually crossed */
+/** strips: of ../strips.js.   panels: Arrangement of those beside them.   pairs: of channels that are usually crossed */
 export function presetsOf(strips, panels, pairs) {
   const has = (name) => panels.parts.some(({ key }) => key === name);
   const limited = strips.filter(({ risk, limits, key }) => risk || (limits !== null && key !== MARGIN));
