@@ -93,7 +93,7 @@ function details(dataset, catalog) {
   return panel("Recipe", [
     h(
       "div.columns.recipe-columns",
-      isKnown || recipe.aircraft ? recipeTable(schema, recipe, catalog) : h("p", recipe.simulator ? `Made on the command line by the simulator ${recipe.simulator}.` : "Own rollouts have no recipe."),
+      isKnown || recipe.aircraft ? recipeTable(schema, recipe, catalog) : h("p", recipe.simulator ? `Made on the command line by ${recipe.planned ? "forewarn train --limit, with labels by stability margins" : "an own simulator"}.` : "Own rollouts have no recipe."),
       recipeList(origin),
     ),
     hasRecipe && rawRecipe(recipe),

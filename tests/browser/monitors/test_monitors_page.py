@@ -14,6 +14,9 @@ from app.catalog import catalog
 from app.store.store import Store
 from core.monitor import train
 from core.monitor.calibration import Guarantee, failures_needed
+from core.planned_test.collection import DatasetRecipe, collect
+from core.planned_test.margin_labels import MarginBound, labelled_by_margins
+from core.simulation.aircraft import AIRCRAFT
 from tests.browser.site import open_site
 from tests.support.glb_file import glb
 
@@ -494,6 +497,25 @@ def test_methods_and_rules_of_others_are_compared_on_a_dataset(page: Page, site:
 
 
 # Datasets
+
+
+def test_a_dataset_labelled_by_margins_names_its_test_and_says_that_it_has_no_limits(
+    page: Page, site: Site
+) -> None:
+    planned = replace(DatasetRecipe.usual(AIRCRAFT["attas_id_16kft"]), n_unsafe=5)
+    labelled = labelled_by_margins(planned, [MarginBound("phase", 73.0)])
+    dataset = site.store.datasets.add(collect(labelled), "by margins").id
+    try:
+        page.goto(f"{site.http}/#/datasets/{dataset}")
+        facts = page.locator("main")
+        expect(facts).to_contain_text("none: failures are known by label only")
+        expect(facts).to_contain_text("requirement phase margin > 73 deg")
+        expect(facts).to_contain_text("ATTAS")
+        expect(facts).to_contain_text("with labels by stability margins")
+        expect(facts).not_to_contain_text("own simulator")
+    finally:
+        page.goto("about:blank")
+        site.store.datasets.delete(dataset)
 
 
 def test_leads_are_swept_on_a_datasets_test(page: Page, site: Site) -> None:
