@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from core.card import CardError
+from core.monitor import train
 from core.planned_test.collection import (
     CollectionError,
     card_of,
@@ -53,6 +54,17 @@ def test_rollouts_are_collected_until_enough_fail_with_their_provenance(own: Any
 def test_the_same_seed_gives_the_same_bits(own: Any):
     digests = [collect(small_test(own, seed=seed)).digest() for seed in (1, 1, 2)]
     assert digests[0] == digests[1] != digests[2]
+
+
+def test_arrays_in_another_order_of_memory_train_the_same_monitor():
+    class Transposed(Pitch):
+        def rollouts(self, n: int, rng: np.random.Generator):
+            y, fails, theta = super().rollouts(n, rng)
+            return np.moveaxis(np.moveaxis(y, -1, 0).copy(), 0, -1), fails, theta
+
+    usual, transposed = (collect(small_test(own)) for own in (thing, Transposed()))
+    assert usual.digest() == transposed.digest()
+    np.testing.assert_array_equal(train(usual).alphas, train(transposed).alphas)
 
 
 @BOTH
