@@ -44,7 +44,7 @@ class Pilots(NamedTuple):
     accepts: Array
     gave_up: Indices
 
-    def some(self, which: Indices) -> "Pilots":
+    def some(self, which: Indices | slice) -> "Pilots":
         if not len(self.axes):
             return self
         own, noise = self.own[which], self.noise[which]
