@@ -23,7 +23,12 @@ from typing import Any, NoReturn, Protocol
 import numpy as np
 
 from core.kernels.compiled import is_alone
-from core.simulation.python_simulator import FlightByFlight, OwnCodeError, rollout_in_words
+from core.simulation.python_simulator import (
+    FlightByFlight,
+    ImpossibleError,
+    OwnCodeError,
+    rollout_in_words,
+)
 from core.types import Array
 
 Fly = Callable[[Array, Array], Array]
@@ -33,8 +38,8 @@ AT_ONCE = 16
 """Flights that a process gets together."""
 GRACE_S = 10.0
 """A process that does not end by its own alarm is killed after this additional time."""
-FLIGHT, ERROR = b"f", b"e"
-"""First byte of an answer: outputs or a text."""
+FLIGHT, IMPOSSIBLE, ERROR = b"f", b"i", b"e"
+"""First byte of an answer: outputs, or a text."""
 
 
 class Model(Protocol):
@@ -83,9 +88,10 @@ class ModelSimulator(FlightByFlight):
         """End the processes; the next flight starts new ones."""
         self._started.end()
 
-    def _flown(self, theta: Array, inputs: list[Array]) -> Array:
+    def _flown(self, theta: Array, inputs: list[Array]) -> tuple[Array, dict[int, str]]:
+        impossible: dict[int, str] = {}
         if not inputs:
-            return np.empty((0, 0, 0))
+            return np.empty((0, 0, 0)), impossible
         y = np.empty((len(theta), len(inputs[0]), len(self.measured)))
         parts = iter([slice(k, k + AT_ONCE) for k in range(0, len(theta), AT_ONCE)])
         names, lock, errors = list(self.parameters), Lock(), dict[int, str]()
@@ -99,7 +105,10 @@ class ModelSimulator(FlightByFlight):
                 k = part.start
                 try:
                     for outputs in process.fly(theta[part], inputs[part], y.shape[1:]):
-                        y[k] = outputs
+                        if isinstance(outputs, str):
+                            impossible[k] = outputs
+                        else:
+                            y[k] = outputs
                         k += 1
                 except _FlightError as error:
                     values = dict(zip(names, theta[k].tolist(), strict=True))
@@ -110,7 +119,7 @@ class ModelSimulator(FlightByFlight):
         if errors:
             self.end()
             raise OwnCodeError(errors[min(errors)])
-        return y
+        return y, impossible
 
 
 class _FlightError(Exception):
@@ -142,10 +151,17 @@ class _Process:
         """Wait until the model is loaded. _FlightError."""
         self._answer()
 
-    def fly(self, theta: Array, inputs: Sequence[Array], shape: tuple[int, ...]) -> Iterator[Array]:
+    def fly(
+        self, theta: Array, inputs: Sequence[Array], shape: tuple[int, ...]
+    ) -> Iterator[Array | str]:
+        """The outputs of each flight, or why it is impossible."""
         self._send((theta, inputs))
         for _ in theta:
-            outputs = np.frombuffer(self._answer(), np.float64)
+            answer = self._answer()
+            if answer[:1] == IMPOSSIBLE:
+                yield answer[1:].decode()
+                continue
+            outputs = np.frombuffer(answer, np.float64, offset=1)
             if outputs.size != np.prod(shape):
                 raise _FlightError(f"returned {outputs.size} numbers instead of {np.prod(shape)}")
             yield outputs.reshape(shape)
@@ -171,7 +187,7 @@ class _Process:
             self._ended()
         if answer[:1] == ERROR:
             raise _FlightError(answer[1:].decode())
-        return answer[1:]
+        return answer
 
     def _ended(self) -> NoReturn:
         code = self.popen.wait()
@@ -250,6 +266,8 @@ def main(connection: Connection) -> None:
     model, limits = pickle.loads(connection.recv_bytes())
     _limited(limits.memory)
 
+    fly, repeated = list[Fly](), list[bool]()
+
     def answered(work: Callable[[], bytes]) -> bool:
         signal.setitimer(signal.ITIMER_REAL, limits.seconds)
         try:
@@ -257,12 +275,11 @@ def main(connection: Connection) -> None:
         except MemoryError:
             answer = ERROR + f"needs more than {limits.memory} MiB: allow more memory".encode()
         except Exception as error:
-            answer = ERROR + f"failed: {error or type(error).__name__}".encode()
+            kind = IMPOSSIBLE if fly and isinstance(error, ImpossibleError) else ERROR
+            answer = kind + f"failed: {error or type(error).__name__}".encode()
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         connection.send_bytes(answer)
-        return answer[:1] == FLIGHT
-
-    fly, repeated = list[Fly](), list[bool]()
+        return answer[:1] != ERROR
 
     def load() -> bytes:
         fly.append(model.load())

@@ -19,6 +19,7 @@ from core.bounds import NOT_NEGATIVE, Bounds
 from core.recipe import instead_of
 from core.simulation.flight_process import Fly
 from core.simulation.point import POSITIVE, Breakpoints, PointRecipe
+from core.simulation.python_simulator import ImpossibleError
 from core.types import Array
 
 LARGEST_STEP = 0.005
@@ -144,7 +145,7 @@ class _Aircraft:
         self.fly(np.ones(len(model.functions)), np.zeros((1, len(model.inputs))))
 
     def fly(self, theta: Array, inputs: Array) -> Array:
-        """Outputs (n_samples, n_outputs) of factors theta. ValueError without a trim."""
+        """Outputs (n_samples, n_outputs) of factors theta. ImpossibleError without a trim."""
         model, fdm, y = self._model, self._fdm, np.empty((len(inputs), len(self._model.outputs)))
         self._trim(theta)
         rest = [fdm[name] for name in model.inputs]
@@ -173,7 +174,7 @@ class _Aircraft:
         try:
             fdm.do_trim(FULL_TRIM)
         except TrimFailureError:
-            raise ValueError(
+            raise ImpossibleError(
                 f"it has no trim at {model.speed:g} m/s and {model.altitude:g} m: give another "
                 "speed, or smaller spreads"
             ) from None

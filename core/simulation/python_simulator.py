@@ -3,6 +3,7 @@
 import linecache
 import traceback
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -17,11 +18,17 @@ from core.simulation.simulator import Distribution, Parameters
 from core.types import Array, Indices, real_numbers
 
 STANDARD, PACKAGES = Path(traceback.__file__).parent, "site-packages"
+MOST_DRAWS = 20
+"""Draws after which an aircraft that cannot be flown is refused."""
 OURS = tuple(Path(__file__).parents[2] / name for name in ("core", "app"))
 
 
 class OwnCodeError(ValueError):
     """The code of a simulator failed, or returned what cannot be used."""
+
+
+class ImpossibleError(ValueError):
+    """Flights with these parameters are impossible, such as of an aircraft without trim."""
 
 
 @contextmanager
@@ -112,6 +119,7 @@ class FlightByFlight(ABC):
     inputs: npt.ArrayLike | Callable[[np.random.Generator], npt.ArrayLike]
     noise: Mapping[str, float] = field(default_factory=dict)
     distribution: Distribution = "normal"
+    drawn: Counter[bool] = field(default_factory=Counter, init=False, repr=False)
 
     @property
     @abstractmethod
@@ -119,8 +127,9 @@ class FlightByFlight(ABC):
         """For messages."""
 
     @abstractmethod
-    def _flown(self, theta: Array, inputs: list[Array]) -> Array:
-        """Outputs (n, n_samples, n_channels) of theta (n, n_parameters), inputs of each flight."""
+    def _flown(self, theta: Array, inputs: list[Array]) -> tuple[Array, dict[int, str]]:
+        """Outputs (n, n_samples, n_channels) of theta (n, n_parameters), inputs of each flight,
+        and why some, by number, cannot be flown; their outputs are undefined."""
 
     @property
     def measured(self) -> tuple[str, ...]:
@@ -131,10 +140,53 @@ class FlightByFlight(ABC):
 
     def rollouts(self, n: int, rng: np.random.Generator) -> tuple[Array, None, Array]:
         theta = parameters_of(self).sample(n, rng)
-        return self._flown(theta, self._inputs(n, rng)), None, theta
+        y, theta, n_redrawn = self._redrawn(theta, self._inputs(n, rng))
+        self.drawn[False] += n
+        self.drawn[True] += n_redrawn
+        return y, None, theta
 
     def fly(self, theta: Array, rng: np.random.Generator) -> tuple[Array, None, Array]:
-        return self._flown(theta, self._inputs(len(theta), rng)), None, theta
+        y, impossible = self._flown(theta, self._inputs(len(theta), rng))
+        if impossible:
+            k = min(impossible)
+            raise self._refused(theta, k, impossible[k])
+        return y, None, theta
+
+    @property
+    def redrawn(self) -> str:
+        """How many rollouts had to be drawn again, in words; empty for none."""
+        if not (n := self.drawn[True]):
+            return ""
+        return (
+            f"{n} of {n + self.drawn[False]} rollouts could not be flown, such as aircraft without "
+            "trim, and were drawn again: the promise is for those that can"
+        )
+
+    def _redrawn(self, theta: Array, inputs: list[Array]) -> tuple[Array, Array, int]:
+        """Outputs and theta of flights, of which impossible ones are drawn again, and how often.
+
+        The next draw depends on theta alone, so `rollouts` and `stopping` agree.
+        """
+        y, impossible = self._flown(theta, inputs)
+        theta, parameters, n = theta.copy(), parameters_of(self), 0
+        for _ in range(MOST_DRAWS):
+            if not impossible:
+                return y, theta, n
+            which = sorted(impossible)
+            n += len(which)
+            for k in which:
+                seed = np.random.SeedSequence(theta[k].view(np.uint32).tolist())
+                theta[k] = parameters.sample(1, np.random.default_rng(seed))[0]
+            again, still = self._flown(theta[which], [inputs[k] for k in which])
+            if len(again):
+                y[which] = again
+            impossible = {which[k]: reason for k, reason in still.items()}
+        first = min(impossible)
+        raise self._refused(theta, first, f"drawn {MOST_DRAWS} times, {impossible[first]}")
+
+    def _refused(self, theta: Array, k: int, reason: str) -> OwnCodeError:
+        values = dict(zip(self.parameters, theta[k].tolist(), strict=True))
+        return OwnCodeError(f"{self.name}, {rollout_in_words(k, len(theta), values)}, {reason}")
 
     def stopping(self, n: int, rng: np.random.Generator) -> Callable[[Indices, Indices], Array]:
         theta = parameters_of(self).sample(n, rng)
@@ -144,7 +196,7 @@ class FlightByFlight(ABC):
             inputs = [drawn[k].copy() for k in which]
             for some, k in zip(inputs, neutral_from, strict=True):
                 some[k:] = some[0]
-            return self._flown(theta[which], inputs)
+            return self._redrawn(theta[which], inputs)[0]
 
         return stopped
 
@@ -187,7 +239,7 @@ class FunctionSimulator(FlightByFlight):
         name = getattr(self.function, "__name__", type(self.function).__name__)
         return f"{name} ({Path(file).name}, line {line})" if file else name
 
-    def _flown(self, theta: Array, inputs: list[Array]) -> Array:
+    def _flown(self, theta: Array, inputs: list[Array]) -> tuple[Array, dict[int, str]]:
         flights, names = [], list(self.parameters)
         keys = self.measured
         for k, (values, each) in enumerate(zip(theta.tolist(), inputs, strict=True)):
@@ -204,7 +256,7 @@ class FunctionSimulator(FlightByFlight):
             if y.shape != (len(t), len(keys)):
                 raise OwnCodeError(f"{where}: outputs is {_short(outputs)}: {needed}")
             flights.append(y)
-        return np.array(flights) if flights else np.empty((0, 0, 0))
+        return np.array(flights) if flights else np.empty((0, 0, 0)), {}
 
 
 def rollout_in_words(k: int, n: int, theta: Mapping[str, float]) -> str:

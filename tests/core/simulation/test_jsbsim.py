@@ -134,6 +134,24 @@ def test_what_cannot_fly_is_one_error(wrong: dict[str, Any], told: str):
         simulator(replace(model(), **wrong)).rollouts(2, RNG(0))
 
 
+def test_an_aircraft_without_trim_is_drawn_again_and_counted():
+    slow = model(speed=40.0)
+    one, two = (simulator(slow, 0.3, processes=n) for n in (1, 2))
+    (y, _, theta), (other, _, _) = (own.rollouts(60, RNG(0)) for own in (one, two))
+    assert np.isfinite(y).all()
+    np.testing.assert_array_equal(y, other)
+    assert one.redrawn == two.redrawn
+    assert " of 6" in one.redrawn
+    drawn = np.ones((60, 31)) + 0.3 * RNG(0).standard_normal((60, 31))
+    again = (drawn != theta).any(axis=1)
+    assert 0 < again.sum() < 20
+    np.testing.assert_array_equal(one.fly(theta, RNG(0))[0], y)
+    whole = np.full(60, len(y[0]))
+    np.testing.assert_array_equal(one.stopping(60, RNG(0))(np.arange(60), whole), y)
+    with pytest.raises(OwnCodeError, match="no trim at 40 m/s"):
+        one.fly(drawn, RNG(0))
+
+
 def test_an_unknown_aircraft_is_named():
     with pytest.raises(ValueError, match="no aircraft 'c172q': did you mean c172p"):
         functions_of("c172q")
