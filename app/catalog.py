@@ -56,7 +56,8 @@ from core.planned_test.collection import DatasetRecipe
 from core.planned_test.nonlinear_test import NonlinearTest
 from core.recipe import FAMILIES, Family, family_of
 from core.simulation.aircraft import Aircraft
-from core.simulation.maneuver import LATERAL_MANEUVERS
+from core.simulation.maneuver import LATERAL_MANEUVERS, Maneuver
+from core.simulation.pilot import usual_pilot
 
 RECIPES: dict[str, Any] = {
     "dataset": DatasetRecipe(),
@@ -147,14 +148,20 @@ def _entry(kind: str, member: Any) -> dict[str, Any]:
         ),
         "schema": schema_of(member),
         "default": {key: value for key, value in to_plain(member).items() if key != "kind"},
-        "usual_test": _usual_test(member) if isinstance(member, Aircraft) else None,
+        "usual_test": _usual_test(member),
     }
 
 
-def _usual_test(aircraft: Aircraft) -> dict[str, Any]:
-    """The usual test of an aircraft, as parts of a dataset's recipe."""
-    recipe = to_plain(DatasetRecipe.usual(aircraft))
-    return {part: recipe[part] for part in ("control_law", "maneuver", LIMITS)}
+def _usual_test(member: Any) -> dict[str, Any] | None:
+    """The usual test of a linear aircraft, or of a manoeuvre of nonlinear ones, as parts of a
+    dataset's recipe."""
+    if isinstance(member, Aircraft):
+        recipe = to_plain(DatasetRecipe.usual(member))
+        return {part: recipe[part] for part in ("control_law", "maneuver", LIMITS)}
+    if isinstance(member, Maneuver):
+        recipe = to_plain(NonlinearTest(maneuver=member, pilot=usual_pilot(member)).with_usual())
+        return {part: recipe[part] for part in ("condition", LIMITS)}
+    return None
 
 
 def _telemetry() -> dict[str, Any]:

@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from app.recipes.recipes import from_plain
+from app.recipes.recipes import from_plain, simulated_test
 from core.channels import LATERAL, Dictionary
 from core.limits.limits import Envelope
 from core.monitor import Monitor
 from core.monitor.validity.flown_input import FreshInputs, InputSupport
 from core.planned_test.collection import DatasetRecipe
 from core.simulation.aircraft import Aircraft
-from core.simulation.maneuver import Maneuver
+from core.simulation.maneuver import COLUMN, Maneuver
 from core.types import Array, Flags
 
 TRIM_SEGMENT_S = 0.5
@@ -32,7 +32,8 @@ class PlannedTest:
     limits_known: whether the monitor records the limits it was trained for.
     maneuver, aircraft: None where the monitor does not come from a recipe.
     flown: (n_controls,) usual largest movement of each control in flights of its training, and
-    length: their length [s]; for a monitor without a recipe, or whose pilot captures a target.
+    length: their length [s]; for a monitor of other channels than the lateral ones, or whose pilot
+    captures a target.
     """
 
     dt: float
@@ -50,7 +51,7 @@ class PlannedTest:
 
     @property
     def controls(self) -> tuple[int, ...]:
-        """Columns of the controls in y; of aileron and rudder in the order of the commands."""
+        """Columns of the controls in y."""
         return self.dictionary.of_role("control")
 
     @property
@@ -70,11 +71,14 @@ class PlannedTest:
 
     @cached_property
     def commands(self) -> Array:
-        """(n, n_controls) planned commands of aileron and rudder [rad]; n = 0 where unknown."""
+        """(n, n_controls) planned commands [rad]; n = 0 where unknown."""
         if self.maneuver is None or self.maneuver.captured:
             return np.empty((0, len(self.controls)))
         exact = replace(self.maneuver, timing_jitter_s=0.0, amplitude_jitter=0.0)
-        return exact.pilot(self.dt, 1, np.random.default_rng(0))[0]
+        flown = exact.pilot(self.dt, 1, np.random.default_rng(0))[0]
+        by_key = {f"delta_{surface[0]}": c for surface, c in COLUMN.items()}
+        columns = [by_key.get(self.dictionary.keys[c], len(COLUMN)) for c in self.controls]
+        return np.pad(flown, ((0, 0), (0, len(COLUMN) + 1 - flown.shape[1])))[:, columns]
 
     @property
     def amplitudes(self) -> Array:
@@ -94,6 +98,9 @@ def planned_test(monitor: Monitor) -> PlannedTest:
         length = float(monitor.safe_where[:, 1].max()) * monitor.dt
         about = monitor.dt, limits_of(monitor), monitor.dictionary
         test = _flown_test(*about, monitor.inputs, length)
+        recipe = simulated_test(monitor.dataset_recipe)
+        if recipe is not None:
+            test = replace(test, maneuver=recipe.maneuver)
     return replace(test, limits_known=monitor.envelope is not None)
 
 

@@ -150,10 +150,13 @@ def run(options: argparse.Namespace) -> int:
         return print_recipe(recipe)
     check_epsilon(recipe.monitor.epsilon, recipe.dataset.n_unsafe, recipe.monitor.guarantee)
     check_file(options.out)
+    choose = not monitor_options(options).keys() & {"predictor", "score"}
     with executor_at(options.scheduler) as executor:
         dataset = simulated(recipe.dataset, executor)
         with stage_bar("training") as show:
-            training = train_and_test(dataset, recipe.monitor, recipe.n_test, show)
+            training = train_and_test(
+                dataset, recipe.monitor, recipe.n_test, show, choose=choose
+            )
     return _finish(options, training, dataset)
 
 
@@ -187,6 +190,8 @@ def _run_on_test(options: argparse.Namespace, recipe: MonitorRecipe, test: OwnTe
         with stage_bar("training") as show:
             training = train_on_simulator(dataset, recipe, test, n_test, show, choose=choose)
     found = (*doubts_of(flights), *beyond_plausible(dataset.dictionary, flights.y))
+    if redrawn := getattr(test.flown_by.own, "redrawn", ""):
+        found = (*found, redrawn)
     return _finish(options, training, dataset, found)
 
 
@@ -249,11 +254,13 @@ def _finish(
     monitor = training.monitor
     monitor.save(options.out)
     facts = summary(training) | {"file": str(options.out)}
-    lines = [report(training), f"written: {options.out}"]
+    notes = [f"note: {text}" for text in findings or ()]
+    lines = [*notes, *method_lines(monitor), report(training), f"written: {options.out}"]
+    methods = (monitor.evaluation or {}).get("methods", [])
     if findings is not None:
-        lines = [*(f"note: {text}" for text in findings), *method_lines(monitor), *lines]
-        methods = (monitor.evaluation or {}).get("methods", [])
-        facts |= {"findings": list(findings), "methods": methods}
+        facts |= {"findings": list(findings)}
+    if methods or findings is not None:
+        facts |= {"methods": methods}
     if options.data_dir is not None or options.database_url is not None:
         from app.store.store import open_store  # slow to import, and seldom needed
 

@@ -41,6 +41,7 @@ from core.planned_test.collection import (
     training_rollouts,
 )
 from core.planned_test.near import near_failures, near_rollouts
+from core.planned_test.nonlinear_test import NonlinearTest
 from core.planned_test.own import OwnTest
 from core.rollouts import LabelledFlights
 from core.seeds import Branch, stream
@@ -52,7 +53,7 @@ Progress = Callable[[str, int, int], object]
 
 LEAD_BINS = 20
 CHOICE_FLIGHTS = 1_000
-"""Fresh flights of an own simulator on which methods are tried."""
+"""Fresh flights on which methods are tried."""
 LARGEST_ADVISED = 0.3
 """Largest epsilon that is named where there are too few failures for the requested one."""
 SHARES = (0.5, 0.15, 0.15, 0.2)
@@ -196,22 +197,21 @@ def train_and_test(
 ) -> Training:
     """Train a monitor, calibrate its validity, and test it on n_test fresh flights.
 
-    A dataset without a recipe is split instead, see `train_on_flights`, also for `choose`.
+    A dataset without a recipe is split instead, see `train_on_flights`. choose: as there, and in
+    `train_on_simulator`; the method of a test that can be planned otherwise is the recipe's.
     """
     simulated = simulated_test(dataset.recipe)
     if simulated is None:
         return train_on_flights(dataset, recipe, choose, progress)
     if not isinstance(simulated, DatasetRecipe):
-        recipe = recipe.as_planned()
+        return train_on_simulator(dataset, recipe, simulated, n_test, progress, choose=choose)
     progress("training", 0, 3)
     card = card_of(simulated) if recipe.predictor.forecast == "card" else None
     failures = rollouts = None
     near: list[Rollouts] = []
     if recipe.predictor.forecast == "ensemble":
         failures = _fresh_failures(replace(simulated, groups=recipe.groups), progress)
-    if not isinstance(simulated, DatasetRecipe):
-        rollouts = training_rollouts(simulated)
-    elif recipe.is_near:
+    if recipe.is_near:
         rollouts, near = near_rollouts(simulated), _near_failures(simulated, progress)
     monitor = train(dataset, recipe, card=card, rollouts=rollouts, failures=failures, near=near)
     monitor.check_epsilon()
@@ -227,13 +227,14 @@ def train_and_test(
 def train_on_simulator(
     dataset: Dataset,
     recipe: MonitorRecipe,
-    test: OwnTest,
+    test: OwnTest | NonlinearTest,
     n_test: int,
     progress: Progress,
     *,
     choose: bool = False,
 ) -> Training:
-    """Train a monitor on rollouts of an own simulator, and test it on n_test fresh ones.
+    """Train a monitor on rollouts of an own simulator or a nonlinear aircraft, and test it on
+    n_test fresh ones.
 
     choose: choose the method by fresh flights; else that of the recipe is used.
     """
@@ -241,7 +242,8 @@ def train_on_simulator(
     progress("training", 0, 3)
     learning, failures = training_rollouts(test), None
     if choose or recipe.predictor.forecast == "ensemble":
-        failures = _fresh_failures(test, progress)
+        own = isinstance(test, OwnTest)
+        failures = _fresh_failures(test if own else replace(test, groups=recipe.groups), progress)
     choosing = None
     if choose:
         tried = evaluation_flights(test, CHOICE_FLIGHTS, Branch.CHOICE)
@@ -254,14 +256,17 @@ def train_on_simulator(
         return Training(dataset, monitor, not_calibrated=not_calibrated)
     progress(f"certifying on {n_test} fresh flights", 2, 3)
     monitor, flown = with_test(monitor, test, n_test, dataset.unsafe_rate)
+    monitor = replace(monitor, evaluation=(monitor.evaluation or {}) | methods)
+    progress("done", 3, 3)
+    if not isinstance(test, OwnTest):
+        return Training(dataset, monitor, flown, not_calibrated)
     support = monitor.support
     n_valid = 0 if support is None else len(support.safe) + len(support.unsafe)
     n_learned = len(dataset.unsafe) + len(dataset.safe) + len(learning.y)
     n_learned += 0 if failures is None else len(failures.y)
     counts = zip(PARTS, (n_learned, choose * CHOICE_FLIGHTS, n_valid, n_test), strict=True)
     own = {"simulator": test.flown_by.name, "flights": {part: n for part, n in counts if n}}
-    monitor = replace(monitor, evaluation=(monitor.evaluation or {}) | own | methods)
-    progress("done", 3, 3)
+    monitor = replace(monitor, evaluation=(monitor.evaluation or {}) | own)
     return Training(dataset, monitor, flown, not_calibrated)
 
 

@@ -195,7 +195,10 @@ def dataset_recipe(plain: Any, where: str = "dataset") -> tuple[SimulatedHere, S
     if isinstance(default, NonlinearTest) and isinstance(limits, dict):
         plain = plain | {STORED_LIMITS: NO_FLIGHT_LIMITS | limits}
     read: SimulatedHere = from_plain(default, _with_usual_test(plain), where)
-    if isinstance(read, DatasetRecipe):
+    if isinstance(read, NonlinearTest):
+        turn = "load_factor" not in plain.get("condition", {})
+        read = read.with_usual(limits=STORED_LIMITS not in plain, load_factor=turn)
+    else:
         _check_limits(read.specification, f"{where}.{LIMITS}")
     if not is_auto and (has_amplitude or not _is_own_model(plain)):
         return read, None

@@ -32,7 +32,10 @@ class Member(BaseModel):
     default: dict[str, Any] = Field(description="default parameters")
     usual_test: dict[str, Any] | None = Field(
         default=None,
-        description="for an aircraft: default control law, manoeuvre and limits of its datasets",
+        description=(
+            "for a linear aircraft: default control law, manoeuvre and limits of its datasets; for "
+            "a manoeuvre: default condition and limits of a nonlinear aircraft that flies it"
+        ),
     )
 
 

@@ -41,7 +41,15 @@ from core.simulation.maneuver import (
     MANEUVERS,
     MOVED_BY,
     Axis,
+    Capture,
     Maneuver,
+    OneSurface,
+    PushOverPullUp,
+    RollingPullOut,
+    SteadyHeadingSideslip,
+    Surface,
+    Table,
+    WindUpTurn,
 )
 from core.simulation.nonlinear import (
     PitchLaw,
@@ -103,6 +111,24 @@ USUAL_SIX_DOF_NOISE = SixDofNoise(
 """As for lateral tests; attitude, airspeed and dynamic pressure assumed."""
 
 
+USUAL_LIMITS: dict[type[Maneuver], LoadLimits] = {
+    WindUpTurn: LoadLimits(alpha_high_deg=17.5),
+    PushOverPullUp: LoadLimits(Nz_low=-0.7, Nz_high=2.6),
+    RollingPullOut: LoadLimits(wing_bending=250e3),
+    SteadyHeadingSideslip: LoadLimits(fin_load=6500.0),
+    Table: LoadLimits(fin_load=2900.0),
+}
+"""Limits of a first test, which at the default amplitude about a quarter of the F-16s exceed."""
+USUAL_LIMIT_OF: dict[Surface, LoadLimits] = {
+    "elevator": LoadLimits(Nz_high=2.25),
+    "rudder": LoadLimits(fin_load=5000.0),
+    "aileron": LoadLimits(wing_bending=74e3),
+}
+"""The same for manoeuvres of one control."""
+TURN = 2.0
+"""Load factor of the turn from which a wind-up turn is flown first."""
+
+
 @dataclass(frozen=True)
 class NonlinearTest:
     """The planned test of a nonlinear aircraft and how much of it to simulate.
@@ -151,6 +177,20 @@ class NonlinearTest:
         self.pilot.check(self.maneuver, SIGHTS)
         check_steps(self)
         check_observations(self)
+
+    def with_usual(self, limits: bool = True, load_factor: bool = True) -> "NonlinearTest":
+        """The same with the limits and the load factor of a first test of its manoeuvre."""
+        maneuver, condition, specification = self.maneuver, self.condition, self.specification
+        if limits:
+            surface: Surface = "rudder"
+            if isinstance(maneuver, OneSurface):
+                surface = maneuver.surface
+            elif isinstance(maneuver, Capture):
+                surface = MOVED_BY[maneuver.axis]
+            specification = USUAL_LIMITS.get(type(maneuver), USUAL_LIMIT_OF[surface])
+        if load_factor and isinstance(maneuver, WindUpTurn):
+            condition = replace(condition, load_factor=TURN)
+        return replace(self, condition=condition, specification=specification)
 
     def simulator(self) -> "NonlinearSimulator":
         return NonlinearSimulator(self)

@@ -7,11 +7,11 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from math import inf, isfinite, log
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
 
-from core.bounds import check_bounds
+from core.bounds import Bounds, check_bounds
 from core.recipe import family
 from core.types import Array
 
@@ -31,6 +31,9 @@ MOVED_BY: dict[Axis, Surface] = {
 }
 """The surface with which a pilot tracks an axis."""
 LATERAL_SURFACES, ALL_SURFACES = 2, 3
+Pull = Annotated[
+    float, Bounds(below=0, words="the manoeuvre pulls, so the elevator's amplitude is below 0")
+]
 TIME_GUARD = 1e-9
 """[s] An input due at t_k starts at sample k, despite rounding of t_k."""
 
@@ -533,6 +536,8 @@ class WindUpTurn(Ramps):
     The turn's load factor is that of the flight condition; the pull tightens it.
     """
 
+    amplitude_deg: Pull = -5.0
+    """amplitude of the pull: elevator, negative [deg]."""
     duration_s: float = 10.0
     """length of the rollout; longer inputs are cut."""
     pull_s: float = 8.0
@@ -565,6 +570,8 @@ class PushOverPullUp(Ramps):
 class RollingPullOut(Ramps):
     """Pull, then roll while pulling, then stop the roll; the pull lasts to the end."""
 
+    amplitude_deg: Pull = -5.0
+    """amplitude of the pull: elevator, negative [deg]."""
     pull_s: float = 1.0
     """length of the pull's onset [s]."""
     aileron: float = 1.0

@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 from app.cli import main
+from app.flights.planned_card import planned_card
+from core.evaluation import THRESHOLD
 from core.limits.flight_limits import FLIGHT
 from core.monitor import Monitor, load
+from core.monitor.recipe import METHODS
 from core.simulation.nonlinear_aircraft import NONLINEAR_AIRCRAFT
 from tests.support.api import api, finished, problem
 
@@ -48,6 +51,34 @@ def test_the_command_line_trains_a_monitor_and_tests_it_on_fresh_flights(trained
     assert evaluation["prevention"]["n_unsafe"] == evaluation["n_unsafe"]
 
 
+def test_a_flight_shows_the_planned_input(trained: Path):
+    monitor = load(trained)
+    assert isinstance(monitor, Monitor)
+    card = planned_card(monitor)
+    assert card.why == ""
+    (elevator,) = card.inputs
+    assert elevator.channel == "delta_e"
+    assert np.degrees(elevator.peak) == pytest.approx(-3.0)
+    assert card.steps == [0.0, 1.0, 2.0]
+    assert card.length == 5.5
+
+
+def test_the_best_method_on_flights_of_their_own_is_chosen(tmp_path: Path):
+    file, sizes = tmp_path / "turn.fwm", ["--n-unsafe", "60", "--n-test", "300"]
+    turn = ["--aircraft", "f16_polynomial", "--maneuver", "wind_up_turn", "--amplitude", "-4.5"]
+    limits = ["--epsilon", "0.1", "--t-early", "0.25", "--guarantee", "average"]
+    assert main(["train", *turn, *limits, *sizes, "-o", str(file)]) == 0
+    monitor = load(file)
+    assert isinstance(monitor, Monitor)
+    tried = {each["name"]: each for each in (monitor.evaluation or {})["methods"]}
+    assert {"ensemble", "peak_ahead", "outputs_ahead", THRESHOLD} <= tried.keys()
+    (chosen,) = (name for name, each in tried.items() if each["chosen"])
+    predictor, _ = METHODS[chosen]
+    assert type(monitor.recipe.predictor) is type(predictor)
+    assert monitor.dataset_recipe["condition"]["load_factor"] == 2.0
+    assert monitor.dataset_recipe["specification"]["alpha_high_deg"] == 17.5
+
+
 def test_the_recipe_is_printed_and_read_again(capsys: pytest.CaptureFixture[str], tmp_path: Path):
     given = ["--aircraft", "ggam_a7", "--maneuver", "wind_up_turn", "--limit", "beta=8deg"]
     given += ["--set", "dataset.condition.load_factor=2", "--print-recipe"]
@@ -69,6 +100,7 @@ def test_the_recipe_is_printed_and_read_again(capsys: pytest.CaptureFixture[str]
         (["--limit", "Nz=..0.5g"], "Nz: limits -inf to 0.5"),
         (["--set", "dataset.condition.mach=1.2"], "mach=1.2"),
         (["--set", "dataset.condition.load_factor=30"], "no trim"),
+        (["--maneuver", "wind_up_turn", "--amplitude", "4"], "below 0"),
     ],
 )
 def test_a_test_that_cannot_be_flown_is_refused(
@@ -108,8 +140,20 @@ def test_a_wind_up_turn_goes_from_request_to_flight(tmp_path: Path):
         assert len(seen[0]["y"]) == len(FLIGHT)
         assert "ok" in {frame["state"] for frame in seen}
         assert any(frame["alert"] for frame in seen)
-        study = client.post("/api/v1/studies", json={"dataset": dataset["id"]})
-        assert "nonlinear" in problem(study, 422)
+        sizes = {"dataset": dataset["id"], "n_monitors": 1, "n_test": 200}
+        job = finished(client, client.post("/api/v1/studies", json=sizes))
+        methods = job["result"]["methods"]
+        assert list(methods) == ["linear + nearest neighbor", "no prediction", "PCA"]
+        figure = client.get(f"/api/v1/studies/{job['id']}/figures/rollouts.svg")
+        assert figure.status_code == 200
+        sizes |= {"n_unsafe": 20, "leads_s": [0.25]}
+        named = ["linear + nearest neighbor", "peaks ahead: rest", "neighbors + peaks"]
+        asked = sizes | {"methods": [*named, "predicted magnitude", "test card: rest"]}
+        job = finished(client, client.post("/api/v1/sweeps", json=asked))
+        (test,) = job["result"]["tests"].values()
+        assert [cell["method"] for cell in test["cells"]] == named
+        ceiling = client.post("/api/v1/sweeps", json=sizes | {"ceiling": True})
+        assert "nonlinear" in problem(ceiling, 422)
 
 
 def test_the_catalog_offers_nonlinear_aircraft_and_their_manoeuvres(tmp_path: Path):
@@ -123,3 +167,7 @@ def test_the_catalog_offers_nonlinear_aircraft_and_their_manoeuvres(tmp_path: Pa
     }
     assert "wind_up_turn" in of_tests["nonlinear"]["enum"]
     assert "wind_up_turn" not in of_tests["dataset"]["enum"]
+    usual = published["families"]["maneuver"]["entries"]["wind_up_turn"]["usual_test"]
+    assert usual["condition"]["load_factor"] == 2.0
+    assert usual["limits"]["alpha_high_deg"] == 17.5
+    assert usual["limits"]["Nz_high"] is None

@@ -1,7 +1,7 @@
 /** One dataset: its recipe, its unsafe rate, and its rollouts to inspect and replay. */
 
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
-import { channelsOf, isSimulated, limitsOfMonitor, loadCatalog, ownLimits, testNames, testRecipe } from "../lib/catalog.js";
+import { channelsOf, isSimulated, limitsOfMonitor, loadCatalog, modelFacts, ownLimits, testNames, testRecipe } from "../lib/catalog.js";
 import { deleteButton, factList, formatted, h, link, loadingView, pageOf, panel, recipeList } from "../lib/dom.js";
 import { withLimits } from "../lib/limits.js";
 import { warningLines } from "../lib/monitors.js";
@@ -57,7 +57,7 @@ function facts(dataset, users, catalog) {
   const { n_unsafe: unsafe, n_safe: stored, n_safe_met: met, n_samples: samples, dt } = dataset;
   const { flown = [] } = dataset.recipe;
   const [aircraft, maneuver] = testNames(catalog, dataset);
-  const test = isSimulated(dataset) ? [["Aircraft", aircraft], ["Manoeuvre", maneuver]] : [["Source", aircraft]];
+  const test = isSimulated(dataset) ? [["Aircraft", aircraft], ...modelFacts(catalog, dataset.recipe), ["Manoeuvre", maneuver]] : [["Source", aircraft]];
   const used = users.flatMap(({ id, name }, k) => [k ? ", " : "", h("a", { href: `#/monitors/${id}` }, name)]);
   const entries = [
     ...test,

@@ -4,7 +4,8 @@
  * initial: a recipe to begin with; else the default with noise, jitter, imperfections of a real flight and the usual
  *     number of failures, unless asFlown is false
  * datasetChoice(...) -> {element, size (editor of n_unsafe), read() -> id | recipe, check(), editors,
- *     failures() -> number of unsafe rollouts that calibrate | null, isOwn() -> whether it is one of own rollouts, isSimulated()}
+ *     failures() -> number of unsafe rollouts that calibrate | null, isOwn() -> whether it is one of own rollouts,
+ *     choosesMethod() -> whether methods can be tried on it, isSimulated()}
  *     chosen: id of the stored dataset to begin with
  */
 
@@ -68,25 +69,31 @@ function fieldsOf({ api, catalog, recipe, initial, asFlown, withGroups }) {
     objects.map(fields.element),
     withGroups && fields.element(GROUPS),
   );
-  if (recipe === catalog.recipes.dataset) beginWithUsualTest(fields, main, catalog);
+  beginWithUsualTest(fields, main, catalog, recipe === catalog.recipes.nonlinear ? "maneuver" : "aircraft");
   main.append(amplitudeSuggestion(fields, api));
   return { fields, main, folded, size: fields.element(SIZE) };
 }
 
-/** A new aircraft brings its control law, manoeuvre and limits, except those changed by hand. */
-function beginWithUsualTest(fields, element, catalog) {
+/**
+ * A new aircraft brings its control law, manoeuvre and limits, a new manoeuvre of a nonlinear one its limits and condition,
+ * except those changed by hand.   leading: "aircraft" or "maneuver"
+ */
+function beginWithUsualTest(fields, element, catalog, leading) {
   const byHand = new Set();
   element.addEventListener("change", ({ target, isTrusted }) => {
     const part = target.name?.split(".")[1];
-    if (part !== "aircraft" && isTrusted) byHand.add(part);
-    if (target.name !== "dataset.aircraft.kind") return;
-    const usual = catalog.families.aircraft.entries[target.value].usual_test;
-    const { maneuver } = fields.read();
-    const scatter = Object.keys(scatterOf(catalog.recipes.dataset, "as_flown"));
-    const flown = Object.fromEntries(scatter.map((key) => [key, maneuver[key]]));
-    const begun = { ...usual, maneuver: { ...usual.maneuver, ...flown } };
+    if (part !== leading && isTrusted) byHand.add(part);
+    if (target.name !== `dataset.${leading}.kind`) return;
+    const begun = { ...catalog.families[leading].entries[target.value].usual_test };
+    if (begun.maneuver) begun.maneuver = { ...begun.maneuver, ...flownBefore() };
     for (const [key, value] of Object.entries(begun)) if (!byHand.has(key)) fields.put(key, value);
   });
+
+  function flownBefore() {
+    const { maneuver } = fields.read();
+    const scatter = Object.keys(scatterOf(catalog.recipes.dataset, "as_flown"));
+    return Object.fromEntries(scatter.map((key) => [key, maneuver[key]]));
+  }
 }
 
 /** The pilot's scatter: parameters of a manoeuvre that differ between a flown and a clean recipe. */
@@ -163,6 +170,7 @@ export function datasetChoice({ api, catalog, datasets, chosen, initial = null, 
     },
     failures,
     isOwn,
+    choosesMethod: () => isOwn() || testRecipe(catalog, fromStore() ? dataset().recipe : fields.read()) === catalog.recipes.nonlinear,
     isSimulated: () => !fromStore(),
   };
 

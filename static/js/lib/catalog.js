@@ -1,7 +1,7 @@
 /** The server's catalog, fetched once a page, and the names in it. */
 
 import { isLimited, limitsOf, limitText, withLimits } from "./limits.js";
-import { magnitudeIn, shownIn } from "./numbers.js";
+import { figure, magnitudeIn, shownIn } from "./numbers.js";
 
 let catalog = null;
 
@@ -53,6 +53,17 @@ export function testNames(catalog, entry) {
   if (!aircraft) return [(simulator ? `own simulator ${simulator}` : "own rollouts") + added, "not recorded"];
   const inLoop = pilot && pilot.kind !== "open_loop" ? ", pilot in the loop" : "";
   return [aircraftName(catalog, aircraft) + added, kindName(catalog, "maneuver", maneuver) + inLoop];
+}
+
+const ALTITUDE = { key: "altitude", symbol: "h", unit: "m", label: "altitude" };
+
+/** Facts of the model and the trim condition of a nonlinear aircraft's test; none for others. */
+export function modelFacts(catalog, { condition, ...test }) {
+  if (testRecipe(catalog, test) !== catalog.recipes.nonlinear) return [];
+  const { altitude_m: altitude, mach, load_factor: load, path_deg: path } = condition;
+  const words = [`Mach ${figure(mach)}`, magnitudeIn(ALTITUDE, altitude), load > 1 ? `turn at ${figure(load)} g` : "straight flight"];
+  if (path !== 0) words.push(`path ${figure(path)} deg`);
+  return [["Model", "nonlinear, six degrees of freedom"], ["Condition", words.join(", ")]];
 }
 
 export function testWords(catalog, entry) {

@@ -4,7 +4,7 @@ import { channelTable } from "../datasets/channel_table.js";
 import { rolloutFigure, sampleRollouts } from "../datasets/figures.js";
 import { foldedPanel } from "../forms/controls.js";
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
-import { channelsOf, isSimulated, kindName, limitsOfMonitor, loadCatalog, methodWords, ownLimits, testNames, testRecipe } from "../lib/catalog.js";
+import { channelsOf, isSimulated, kindName, limitsOfMonitor, loadCatalog, methodWords, modelFacts, ownLimits, testNames, testRecipe } from "../lib/catalog.js";
 import {
   button,
   chip,
@@ -114,7 +114,7 @@ function facts({ monitor, calibration, dataset, evaluation, catalog }) {
   const mixture = evaluation?.calibrated_on;
   const [aircraft, maneuver] = testNames(catalog, monitor);
   const test = isSimulated(monitor)
-    ? [["Aircraft", aircraft], ...(sources ? [["Identified from", sources.join(", ")]] : []), ["Manoeuvre", maneuver]]
+    ? [["Aircraft", aircraft], ...(sources ? [["Identified from", sources.join(", ")]] : []), ...modelFacts(catalog, monitor.dataset_recipe), ["Manoeuvre", maneuver]]
     : [["Trained on", evaluation?.simulator ? aircraft : `${aircraft}, split by flight`]];
   const entries = [
     ...test,

@@ -53,7 +53,7 @@ function trainForm({ api, catalog, datasets, like, chosen, keep, trained }) {
   const withTest = { ...schema, properties: { ...schema.properties, n_test: TEST } };
   const fields = createFields(withTest, { ...usual, ...like?.recipe }, { catalog, path: "monitor" });
   const source = datasetChoice({ api, catalog, datasets, chosen, initial: like?.dataset_recipe });
-  const best = h("option", { value: BEST }, "the best on held-out flights (recommended)");
+  const best = h("option", { value: BEST }, "the best on flights of their own (recommended)");
   const method = select(
     [
       ...catalog.methods.map(({ kind, label }, k) => [kind, k === 0 ? `${label} (recommended)` : label]),
@@ -62,7 +62,7 @@ function trainForm({ api, catalog, datasets, like, chosen, keep, trained }) {
     { id: "method", name: "method", oninput: choose },
   );
   const steps = h("span.hint");
-  let wasOwn = like !== null; // its method is kept
+  let couldChoose = like !== null; // its method is kept
   const named = optionalName("name of the monitor", "monitor-name");
   const served = h("p.hint.served");
   const advanced = fields.keys.filter((key) => !MAIN.includes(key));
@@ -96,11 +96,11 @@ function trainForm({ api, catalog, datasets, like, chosen, keep, trained }) {
   follow();
   return element;
 
-  /** Own flights choose the method where the recipe names none. */
+  /** Flights of their own choose the method where the recipe names none. */
   function recipe() {
     const { predictor, score, n_test: tests, ...rest } = fields.read();
-    if (method.value === BEST) return rest;
-    return { predictor, score, ...(source.isOwn() ? {} : { n_test: tests }), ...rest };
+    const flown = source.isOwn() ? {} : { n_test: tests };
+    return method.value === BEST ? { ...flown, ...rest } : { predictor, score, ...flown, ...rest };
   }
 
   function choose() {
@@ -110,13 +110,13 @@ function trainForm({ api, catalog, datasets, like, chosen, keep, trained }) {
   }
 
   function follow({ target = null } = {}) {
-    const isOwn = source.isOwn();
-    const isNew = isOwn && !wasOwn;
+    const [isOwn, canChoose] = [source.isOwn(), source.choosesMethod()];
+    const isNew = canChoose && !couldChoose;
     const isByHand = /[.](predictor|score)/.test(target?.name ?? "");
-    const isBest = isNew || (isOwn && method.value === BEST && !isByHand);
-    if (isOwn) method.prepend(best);
+    const isBest = isNew || (canChoose && method.value === BEST && !isByHand);
+    if (canChoose) method.prepend(best);
     else best.remove();
-    wasOwn = isOwn;
+    couldChoose = canChoose;
     fields.element("n_test").hidden = isOwn;
     put(steps, `${source.isSimulated() ? "Simulates, trains" : "Trains"} and tests. You can leave the page meanwhile.`);
     method.value = isBest ? BEST : (methodOf(catalog, fields.read())?.kind ?? "");

@@ -132,6 +132,15 @@ def test_a_limit_that_trim_exceeds_is_refused():
         replace(TEST, specification=LoadLimits(alpha_high_deg=1.0)).simulator()
 
 
+@pytest.mark.parametrize("maneuver", MANEUVERS)
+def test_a_manoeuvre_brings_limits_that_some_of_its_flights_exceed(maneuver: str):
+    planned = MANEUVERS[maneuver]
+    test = replace(TEST, maneuver=planned, pilot=usual_pilot(planned)).with_usual().as_trained()
+    flights = test.simulator().rollouts(200, np.random.default_rng(0))
+    assert 0.05 < flights.is_unsafe.mean() < 0.95
+    assert (test.condition.load_factor > 1.0) == (maneuver == "wind_up_turn")
+
+
 def test_limits_by_channel_and_their_parameters_agree():
     limits = LoadLimits(Nz_low=-1.0, Nz_high=4.9, alpha_high_deg=15.0, beta_deg=8.0, fin_load=5e4)
     assert limits.ends["alpha"] == (None, pytest.approx(radians(15.0)))

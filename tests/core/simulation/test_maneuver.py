@@ -17,9 +17,11 @@ from core.simulation.maneuver import (
     Multistep3211,
     OneSurface,
     Pulse,
+    RollingPullOut,
     Step,
     Steps,
     Table,
+    WindUpTurn,
 )
 
 DT = 0.05
@@ -63,6 +65,10 @@ class TestEveryManeuver:
         assert 0.999 * planned <= peak <= planned * (1 + 1e-12)
 
     def test_a_negative_amplitude_is_the_other_direction(self, maneuver):
+        if isinstance(maneuver, WindUpTurn | RollingPullOut):
+            with pytest.raises(ValueError, match=r"amplitude_deg=5.0 .* pulls"):
+                maneuver.with_peak(-maneuver.peak_deg)
+            return
         if isinstance(maneuver, Table):
             turned = replace(
                 maneuver,
