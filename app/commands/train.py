@@ -154,9 +154,7 @@ def run(options: argparse.Namespace) -> int:
     with executor_at(options.scheduler) as executor:
         dataset = simulated(recipe.dataset, executor)
         with stage_bar("training") as show:
-            training = train_and_test(
-                dataset, recipe.monitor, recipe.n_test, show, choose=choose
-            )
+            training = train_and_test(dataset, recipe.monitor, recipe.n_test, show, choose=choose)
     return _finish(options, training, dataset)
 
 

@@ -1,6 +1,6 @@
 """The kinds of long work, one function for each kind of request."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
@@ -32,7 +32,6 @@ from core.evaluation.study import StudyRecipe, study
 from core.monitor import Monitor, combine
 from core.monitor.group import GROUPINGS
 from core.planned_test.collection import (
-    DatasetRecipe,
     combination_failures,
     evaluation_flights,
 )
@@ -103,7 +102,7 @@ def choose_epsilon(task: Task, monitor: Monitor, recipe: ChoiceRecipe) -> Result
     return asdict(choice) | {"words": in_words(choice)}
 
 
-def sweep_leads(task: Task, recipe: SweepRecipe, tests: dict[str, DatasetRecipe]) -> Result:
+def sweep_leads(task: Task, recipe: SweepRecipe, tests: Mapping[str, SimulatedHere]) -> Result:
     """Train every method at every lead; the result has each cell, a table and a figure as SVG."""
     from app.report.studies.study_figures import power_against_lead
     from app.report.studies.sweep import in_words as table

@@ -1,6 +1,6 @@
 """Requests for long work, checked in full before they are queued."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, NamedTuple, get_args
@@ -146,7 +146,8 @@ def monitor_request(plain: dict[str, Any], store: Store, max_bytes: int) -> Moni
         check_epsilon(recipe.epsilon, n_unsafe, recipe.guarantee)
     if recipe.predictor.forecast == "card":
         with _refusing("monitor.predictor: "):
-            card_of(_recipe_of(requested, store, "or choose the predictor peak_ridge"), 2)
+            remedy = "or choose the predictor peak_ridge"
+            card_of(_linear(_test_of(requested, store, remedy), remedy), 2)
     return MonitorRequest(name or f"{recipe.t_early:g} s ahead", requested, recipe, n_test, choose)
 
 
@@ -193,7 +194,7 @@ def study_request(plain: dict[str, Any], store: Store, max_bytes: int) -> StudyR
     """Read the body of a request for the study; a stored dataset gives its recipe."""
     plain = dict(plain)
     requested = _requested_dataset(plain, store, max_bytes, unsaid="none")
-    dataset = _recipe_of(requested, store)
+    dataset = _test_of(requested, store)
     recipe: StudyRecipe = _recipe(StudyRecipe(), plain, "study")
     _check_most(recipe, "study", n_monitors=LARGEST_N_MONITORS, n_test=LARGEST_N_TEST)
     _check_test_size(dataset, recipe.n_test, max_bytes)
@@ -202,7 +203,7 @@ def study_request(plain: dict[str, Any], store: Store, max_bytes: int) -> StudyR
 
 def sweep_request(
     plain: dict[str, Any], store: Store, max_bytes: int
-) -> tuple[SweepRecipe, dict[str, DatasetRecipe]]:
+) -> tuple[SweepRecipe, Mapping[str, SimulatedHere]]:
     """Read the body of a request for a sweep: its recipe, and planned tests by name. RecipeError.
 
     A `dataset` replaces `tests`.
@@ -219,8 +220,10 @@ def sweep_request(
     if requested is None:
         tests = planned_tests(recipe.tests, recipe.imperfections)
     else:
-        dataset = _recipe_of(requested, store)
+        dataset = _test_of(requested, store)
         tests = {dataset_name(dataset): dataset}
+        if recipe.ceiling:
+            _linear(dataset, "for sweep.ceiling, or leave it out")
         if recipe.ceiling and not dataset.imperfections.are_none:
             raise RecipeError(
                 "sweep.ceiling works only without imperfections: leave it out, or give a dataset "
@@ -233,16 +236,16 @@ def sweep_request(
     return recipe, tests
 
 
-def _recipe_of(requested: Requested, store: Store, remedy: str = "") -> DatasetRecipe:
+def _test_of(requested: Requested, store: Store, remedy: str = "") -> SimulatedHere:
     """The recipe, given or stored. RecipeError if a stored dataset was not simulated."""
     if isinstance(requested, SimulatedHere):
-        return _linear(requested, remedy)
+        return requested
     plain = store.datasets.info(requested).recipe
     if (recipe := simulated_test(plain)) is None:
         what = own_code(plain) or "was not simulated here"
         reason = f"dataset {requested} {what}; give a recipe instead"
         raise RecipeError(f"{reason} {remedy}".strip())
-    return _linear(recipe, remedy)
+    return recipe
 
 
 def _linear(recipe: SimulatedHere, remedy: str) -> DatasetRecipe:

@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from core.channels import KEYS, LATERAL
+from core.channels import KEYS, LATERAL, Dictionary
 from core.dataset import Dataset
 from core.evaluation.rates import Evaluation, count_silent
 from core.kernels.boxes import box_distances, grow_boxes
@@ -42,6 +42,8 @@ class Baseline(ABC):
     assumption: ClassVar[str]
     own_level: ClassVar[float] = -1.0
     """score below which it alerts as its authors mean it, without calibration"""
+    dictionary: ClassVar[Dictionary | None] = None
+    """the channels that it needs; None: any"""
 
     @abstractmethod
     def fit(self, dataset: Dataset) -> Scores:
@@ -76,6 +78,7 @@ class BoundedDerivatives(Baseline):
     from their middle in half widths, of the derivative that is farthest out.
     """
 
+    dictionary: ClassVar[Dictionary | None] = LATERAL
     assumption: ClassVar[str] = (
         "an aircraft is safe while each estimated derivative of roll, yaw and side force lies "
         "within those of simulated safe aircraft, whatever the input and the other derivatives"
@@ -171,6 +174,11 @@ BASELINES: dict[str, Baseline] = {
     "inductive monitoring": InductiveMonitoring(),
     "current share of limit": CurrentShare(),
 }
+
+
+def baselines_for(dictionary: Dictionary) -> dict[str, Baseline]:
+    """Those that can use the channels of a dictionary."""
+    return {name: each for name, each in BASELINES.items() if each.dictionary in (None, dictionary)}
 
 
 def evaluate_baseline(

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from core.limits.limits import magnitudes_of
+from core.planned_test.amplitude import PlannedTest
 from core.planned_test.planned_test import DatasetRecipe
 from core.simulation.imperfections import channel_array
 from core.simulation.maneuver import COLUMN, LATERAL_SURFACES, Steps
@@ -45,16 +46,21 @@ class Ceiling:
     ValueError for other tests.
     """
 
-    def __init__(self, test: DatasetRecipe) -> None:
-        maneuver, limits = test.maneuver, magnitudes_of(test.specification)
-        self._simulator = test.simulator()
-        is_closed = self._simulator.crew is not None or not test.imperfections.are_none
-        if not isinstance(maneuver, Steps) or limits is None or is_closed:
+    def __init__(self, test: PlannedTest) -> None:
+        maneuver, limits = test.maneuver, magnitudes_of(test.judged_by)
+        is_exact = test.simulator().crew is None and test.imperfections.are_none
+        if (
+            not (isinstance(maneuver, Steps) and isinstance(test, DatasetRecipe))
+            or limits is None
+            or not is_exact
+        ):
             raise ValueError(
-                "the information limit needs a manoeuvre of steps, limits, nobody in the loop, and "
-                "no imperfections besides noise and scatter: leave it out, or those"
+                "the information limit needs a manoeuvre of steps of a linear aircraft, limits, "
+                "nobody in the loop, and no imperfections besides noise and scatter: leave it out, "
+                "or those"
             )
         self._test, self._maneuver, self._limits = test, maneuver, limits
+        self._simulator = test.simulator()
         plant = self._simulator.plant
         self._uncertain = np.flatnonzero(plant.spread)
         part = 1.0 if plant.distribution == "normal" else 3**-0.5

@@ -16,7 +16,7 @@ import numpy as np
 
 from core.bounds import Bounds, check_bounds
 from core.card import CardError
-from core.evaluation.baselines import BASELINES, Baseline
+from core.evaluation.baselines import BASELINES, Baseline, baselines_for
 from core.evaluation.ceiling import Ceiling
 from core.evaluation.prevention import REACTIONS_S, Stopped, prevention
 from core.evaluation.rates import PooledCounts, first_sample
@@ -31,12 +31,15 @@ from core.monitor.recipe import MISS_RATE, MonitorRecipe
 from core.monitor.response_filter import fit_card
 from core.monitor.score import SCORES, RestOfCard, Score
 from core.monitor.training import SafeObservations, train
+from core.planned_test.amplitude import PlannedTest
 from core.planned_test.collection import (
     card_of,
     collect,
     combination_failures,
     evaluation_flights,
+    replanned,
     stopping_flights,
+    training_rollouts,
 )
 from core.planned_test.near import near_failures, near_rollouts
 from core.planned_test.planned_test import DatasetRecipe, SensorNoise
@@ -199,7 +202,7 @@ _PartResult = tuple[float, float, dict[tuple[str, float], Cell]]
 
 def sweep(
     recipe: SweepRecipe | None = None,
-    tests: Mapping[str, DatasetRecipe] | None = None,
+    tests: Mapping[str, PlannedTest] | None = None,
     *,
     executor: Executor | None = None,
     progress: Callable[[int, int], object] | None = None,
@@ -251,7 +254,7 @@ def planned_tests(names: Sequence[str], imperfections: str) -> dict[str, Dataset
     return {name: test.as_flown() for name, test in tests.items()}
 
 
-def check_leads(recipe: SweepRecipe, tests: Mapping[str, DatasetRecipe]) -> None:
+def check_leads(recipe: SweepRecipe, tests: Mapping[str, PlannedTest]) -> None:
     """ValueError for a lead that is as long as a manoeuvre."""
     longest = max(recipe.leads_s)
     for name, test in tests.items():
@@ -262,7 +265,7 @@ def check_leads(recipe: SweepRecipe, tests: Mapping[str, DatasetRecipe]) -> None
             )
 
 
-def _part(test: DatasetRecipe, recipe: SweepRecipe) -> _PartResult:
+def _part(test: PlannedTest, recipe: SweepRecipe) -> _PartResult:
     return _Part(test, recipe).result()
 
 
@@ -289,7 +292,7 @@ class _Part:
     until when an alert is timely.
     """
 
-    def __init__(self, test: DatasetRecipe, recipe: SweepRecipe) -> None:
+    def __init__(self, test: PlannedTest, recipe: SweepRecipe) -> None:
         self._test, self._recipe = test, recipe
         self._dataset = collect(test)
         self._flights = evaluation_flights(test, recipe.n_test)
@@ -311,12 +314,20 @@ class _Part:
 
     def _by_monitors(self) -> Iterator[tuple[tuple[str, float], _Scores]]:
         """Methods that use neighbours of the latest samples."""
-        recipe, failures = self._recipe, None
-        names = [name for name in self._monitors if METHODS[name][0].forecast in ("", "ensemble")]
+        recipe, failures, linear = self._recipe, None, replanned(self._test)
+        names = [
+            name
+            for name in self._monitors
+            if METHODS[name][0].forecast in ("", "ensemble")
+            and (linear or METHODS[name][1].channel < 0)  # a lateral channel
+        ]
         rollouts, near = None, list[Rollouts]()
         if any(METHODS[name][0].forecast for name in names):
             failures, _ = combination_failures(self._test, recipe.n_unsafe, branch=Branch.ENSEMBLE)
-            rollouts, near = near_rollouts(self._test), near_failures(self._test, recipe.n_unsafe)
+            if linear is None:
+                rollouts = training_rollouts(self._test)
+            else:
+                rollouts, near = near_rollouts(linear), near_failures(linear, recipe.n_unsafe)
         for lead in recipe.leads_s if names else ():
             settings = MonitorRecipe(
                 t_early=lead, epsilon=recipe.epsilon, guarantee=recipe.guarantee
@@ -327,7 +338,7 @@ class _Part:
                 monitor_recipe = replace(settings, predictor=predictor, score=score)
                 monitor = train(
                     self._dataset,
-                    monitor_recipe,
+                    monitor_recipe if linear else monitor_recipe.as_planned(),
                     rollouts=rollouts,
                     failures=failures,
                     near=near,
@@ -387,9 +398,10 @@ class _Part:
         return {}
 
     def _by_baselines(self) -> Iterator[tuple[tuple[str, float], _Scores]]:
+        usable = baselines_for(self._dataset.dictionary)
         for name in self._recipe.methods:
-            if name in BASELINES:
-                scores = BASELINES[name].fit(self._dataset)
+            if name in usable:
+                scores = usable[name].fit(self._dataset)
                 both = scores(self._dataset.unsafe), scores(self._flights.y)
                 for lead in self._recipe.leads_s:
                     h = lead_steps(lead, self._test.dt)
@@ -404,7 +416,7 @@ class _Part:
 class _CeilingTest:
     """The information limit on one planned test's flights, in batches."""
 
-    def __init__(self, test: DatasetRecipe, recipe: SweepRecipe) -> None:
+    def __init__(self, test: PlannedTest, recipe: SweepRecipe) -> None:
         self._test, self._recipe, self.ceiling = test, recipe, Ceiling(test)
         pool = evaluation_flights(test, CEILING_POOL)
         half = CEILING_FLIGHTS // 2
@@ -494,7 +506,7 @@ def _highest_alerting(alphas: Array, above: float) -> float:
     return float(alphas[p_values(alphas, alphas) > above].max(initial=-np.inf))
 
 
-def _earliest(flights: Rollouts, test: DatasetRecipe) -> float:
+def _earliest(flights: Rollouts, test: PlannedTest) -> float:
     fails = flights.fail_index[flights.is_unsafe]
     earliest = float(np.quantile(fails, 0.05) * test.dt) if len(fails) else np.nan
     return earliest - test.maneuver.lead_in_s
@@ -503,7 +515,7 @@ def _earliest(flights: Rollouts, test: DatasetRecipe) -> float:
 def _counted(
     scores: _Scores,
     flights: Rollouts,
-    test: DatasetRecipe,
+    test: PlannedTest,
     recipe: SweepRecipe,
     stopped: Stopped,
 ) -> Cell:

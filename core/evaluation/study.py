@@ -9,17 +9,16 @@ import numpy as np
 
 from core.bounds import Bounds, check_bounds
 from core.channels import KEYS
-from core.evaluation.baselines import BASELINES, evaluate_baseline
+from core.evaluation.baselines import baselines_for, evaluate_baseline
 from core.evaluation.rates import EPSILONS, Evaluation, PooledCounts, evaluate
-from core.limits.limits import Limits
 from core.monitor.calibration import smallest_epsilon
 from core.monitor.monitor import Monitor
 from core.monitor.predictor import PREDICTORS, Predictor
 from core.monitor.recipe import MonitorRecipe
 from core.monitor.score import SCORES, NegativeMagnitude, Score
 from core.monitor.training import SafeObservations, train
+from core.planned_test.amplitude import PlannedTest
 from core.planned_test.collection import DatasetRecipe, Rollouts, collect
-from core.planned_test.planned_test import LateralSimulator
 from core.seeds import monitor_seeds
 from core.tasks import Tasks
 from core.types import Array
@@ -34,9 +33,13 @@ METHODS: dict[str, tuple[str, str]] = {
 """The paper's five methods as pairs of predictor and score."""
 
 
-def methods(specification: Limits) -> dict[str, tuple[Predictor, Score]]:
-    """The five methods for a specification; magnitudes use the channel of its first limit."""
-    key = KEYS[int(np.isfinite(specification.magnitudes).argmax())]
+def methods(test: PlannedTest) -> dict[str, tuple[Predictor, Score]]:
+    """The five methods for a test; magnitudes use the channel of its first limit. Those of a
+    nonlinear aircraft may have no limit on a lateral channel, so it has the three by neighbours."""
+    if not isinstance(test, DatasetRecipe):
+        pairs = {name: (PREDICTORS[of], SCORES[score]) for name, (of, score) in METHODS.items()}
+        return {name: pair for name, pair in pairs.items() if pair[1].looks_up_neighbors}
+    key = KEYS[int(np.isfinite(test.specification.magnitudes).argmax())]
     scores = SCORES | {"negative_magnitude": NegativeMagnitude(key)}  # type: ignore[arg-type]
     return {
         name.replace("Ny", key): (PREDICTORS[predictor], scores[score])
@@ -48,7 +51,7 @@ def methods(specification: Limits) -> dict[str, tuple[Predictor, Score]]:
 class StudyRecipe:
     """Size of the experiment."""
 
-    dataset: DatasetRecipe = DatasetRecipe()  # noqa: RUF009
+    dataset: PlannedTest = DatasetRecipe()  # noqa: RUF009
     """planned test: its seed starts the whole study."""
     monitor: MonitorRecipe = MonitorRecipe(calibration="pointwise", scaling="raw")  # noqa: RUF009
     """settings of the monitors: everything except predictor and score. The defaults are the
@@ -159,14 +162,13 @@ def _pooled(evaluations: list[Evaluations]) -> dict[str, MethodResult]:
 def _part(recipe: StudyRecipe, number: int, seed: int, test_seed: int) -> Part:
     """One dataset, its monitors by every method, and all evaluated on the same flights."""
     dataset = collect(replace(recipe.dataset, seed=seed))
-    flights = LateralSimulator(recipe.dataset).rollouts(
-        recipe.n_test, np.random.default_rng(test_seed)
-    )
+    rng = np.random.default_rng(test_seed)
+    flights = recipe.dataset.simulator().rollouts(recipe.n_test, rng)
     epsilons = EPSILONS[
         smallest_epsilon(recipe.dataset.n_unsafe, recipe.monitor.guarantee) - 1e-9 <= EPSILONS
     ]
     safe = SafeObservations(dataset, recipe.monitor)
-    compared = methods(recipe.dataset.specification)
+    compared = methods(recipe.dataset)
     monitors = [
         train(dataset, replace(recipe.monitor, predictor=predictor, score=score), safe=safe)
         for predictor, score in compared.values()
@@ -176,7 +178,7 @@ def _part(recipe: StudyRecipe, number: int, seed: int, test_seed: int) -> Part:
         for name, monitor in zip(compared, monitors, strict=True)
     }
     own: Evaluations = {}
-    for name, baseline in BASELINES.items():
+    for name, baseline in baselines_for(dataset.dictionary).items():
         evaluated[name], own[name] = evaluate_baseline(
             baseline, dataset, flights, recipe.monitor, epsilons
         )

@@ -10,6 +10,7 @@ import pytest
 from app.cli import main
 from app.flights.planned_card import planned_card
 from core.evaluation import THRESHOLD
+from core.evaluation.baselines import baselines_for
 from core.limits.flight_limits import FLIGHT
 from core.monitor import Monitor, load
 from core.monitor.recipe import METHODS
@@ -142,10 +143,11 @@ def test_a_wind_up_turn_goes_from_request_to_flight(tmp_path: Path):
         assert any(frame["alert"] for frame in seen)
         sizes = {"dataset": dataset["id"], "n_monitors": 1, "n_test": 200}
         job = finished(client, client.post("/api/v1/studies", json=sizes))
-        methods = job["result"]["methods"]
-        assert list(methods) == ["linear + nearest neighbor", "no prediction", "PCA"]
-        figure = client.get(f"/api/v1/studies/{job['id']}/figures/rollouts.svg")
-        assert figure.status_code == 200
+        neighbors = ["linear + nearest neighbor", "no prediction", "PCA"]
+        others = [*baselines_for(FLIGHT)]
+        assert list(job["result"]["methods"]) == neighbors + others
+        assert "derivatives in bounds" not in others
+        assert b"<svg" in client.get(job["result"]["figures"]["rollouts.svg"]).content
         sizes |= {"n_unsafe": 20, "leads_s": [0.25]}
         named = ["linear + nearest neighbor", "peaks ahead: rest", "neighbors + peaks"]
         asked = sizes | {"methods": [*named, "predicted magnitude", "test card: rest"]}

@@ -9,8 +9,8 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from core.channels import CHANNELS
 from core.evaluation.lead_sweep import CEILING, COMPARED, PlannedTestSweep, SweepRecipe
+from core.limits.limits import Envelope
 from core.monitor import Assessments, Monitor
 from core.types import Array, Indices
 
@@ -92,11 +92,11 @@ def study_curves(result: "StudyResult") -> Figure:
 def study_rollouts(result: "StudyResult") -> Figure:
     """One safe and one unsafe test flight: outputs, forecasts, limits, risk."""
     monitor, flights = result.monitor, result.flights
-    limits = result.recipe.dataset.specification.magnitudes
+    n_channels = len(monitor.dictionary)
     unsafe, safe = _example_pair(monitor, flights.y, flights.fail_index)
     with rc_context(STYLE):
-        figure = Figure(figsize=(11, 11), layout="constrained")
-        columns = figure.subplots(len(CHANNELS) + 1, 2, sharex=True, sharey="row").T
+        figure = Figure(figsize=(11, 11 * (n_channels + 1) / 7), layout="constrained")
+        columns = figure.subplots(n_channels + 1, 2, sharex=True, sharey="row").T
         for axes, flight, title in zip(
             columns, (safe, unsafe), ("a safe flight", "an unsafe flight"), strict=True
         ):
@@ -105,6 +105,7 @@ def study_rollouts(result: "StudyResult") -> Figure:
                 continue
             t = np.arange(flights.y.shape[1]) * monitor.dt
             assessments = monitor.assess(t, flights.y[flight])
+            limits = monitor.envelope or Envelope.unlimited(n_channels)
             draw_flight(
                 axes, monitor, flights.y[flight], assessments, limits, monitor.alert_above()
             )
@@ -123,15 +124,16 @@ def draw_flight(
     monitor: Monitor,
     y: Array,
     assessments: Assessments,
-    limits: Array,
+    limits: Envelope,
     alert_above: float,
 ) -> None:
     """One strip per channel, with the forecast at the time it is for, and the risk below.
 
     alert_above: risk that alerts.
     """
-    for strip, channel, values, forecast, limit in zip(
-        axes, CHANNELS, y.T, assessments.y_hat.T, limits, strict=False
+    channels, ends = monitor.dictionary.channels, np.transpose([limits.high, limits.low])
+    for strip, channel, values, forecast, both in zip(
+        axes, channels, y.T, assessments.y_hat.T, ends, strict=False
     ):
         factor = channel.display_factor
         strip.plot(assessments.t, factor * values, color=MEASURED, lw=1.2, label="measured")
@@ -143,9 +145,8 @@ def draw_flight(
             ls=DASHES[1],
             label=f"predicted {monitor.lead:g} s ahead",
         )
-        if np.isfinite(limit):
+        for limit in both[np.isfinite(both)]:
             strip.axhline(factor * limit, color=LIMIT, lw=1, label="limit")
-            strip.axhline(-factor * limit, color=LIMIT, lw=1)
         symbol = f"${channel.symbol}$" if "_" in channel.symbol else channel.symbol
         strip.set_ylabel(f"{symbol} [{channel.display_unit}]")
     risk = axes[-1]

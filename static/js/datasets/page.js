@@ -23,7 +23,6 @@ export function showDataset(element, { id, api, navigate }) {
     const viewer = keep(createRolloutViewer({ api, channels, dataset, monitors: able, navigate }));
     const channelOf = (peaks) => channels.find(({ key }) => key === peaks.channel);
     const isKnown = isSimulated(dataset);
-    const isLinear = isKnown && testRecipe(catalog, dataset.recipe) === catalog.recipes.dataset;
     const figures = [
       rolloutFigure({ ...dataset, channels, rollouts }),
       ...dataset.peaks.map((peaks) => peakFigure(peaks, channelOf(peaks))),
@@ -32,7 +31,7 @@ export function showDataset(element, { id, api, navigate }) {
       dataset.name,
       [
         link("Train a monitor", `#/monitors/new?dataset=${id}`, true),
-        isLinear && link("Compare methods", `#/monitors/compare?dataset=${id}`),
+        isKnown && link("Compare methods", `#/monitors/compare?dataset=${id}`),
         h("a.button", { href: `/api/v1/datasets/${id}/arrays`, download: `dataset-${id}.npz` }, "Download arrays"),
         deleteButton({
           api,

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from app.report.studies.study_figures import draw_flight
 from core.channels import CHANNELS
 from core.dataset import Dataset
+from core.limits.limits import Envelope
 from core.monitor import MonitorRecipe, train
 
 
@@ -15,7 +16,7 @@ def test_outputs_forecasts_and_limits_are_in_display_units(dataset: Dataset) -> 
     y = dataset.safe[0]
     assessments = monitor.assess(dataset.dt * np.arange(len(y)), y)
     strips = Figure().subplots(len(CHANNELS) + 1, 1)
-    draw_flight(strips, monitor, y, assessments, np.full(6, 0.5), 0.1)
+    draw_flight(strips, monitor, y, assessments, Envelope.of_magnitudes(np.full(6, 0.5)), 0.1)
     for c, (strip, channel) in enumerate(zip(strips, CHANNELS, strict=False)):
         measured, forecast, above, below = (np.asarray(line.get_ydata()) for line in strip.lines)
         factor = 1.0 if channel.key == "Ny" else np.degrees(1.0)
