@@ -67,7 +67,7 @@ class Loop(NamedTuple):
     """The law K(s), see `Controller`, with its inputs from trim, and actuators.
 
     alpha_gain, pitch_gain: elevator per alpha, and per pitch rate [s].   rate, position: [rad/s],
-    [rad], infinite without limits.   bank: whether the law reads the bank angle.
+    [rad], infinite without limits.
     """
 
     a: Array
@@ -79,7 +79,6 @@ class Loop(NamedTuple):
     bandwidth: float
     rate: float
     position: float
-    bank: bool
 
 
 class Times(NamedTuple):
@@ -286,7 +285,7 @@ def begin(point, z, x):
 
 
 @jit
-def _follow(loop, x, read, z, pitching, alpha, commands, left, change):
+def follow(loop, x, read, z, pitching, alpha, commands, left, change):
     """Rates of change of surfaces and law.
 
     read: (7,) inputs of the law, from trim.   pitching: pitch rate from trim.   commands, left:
@@ -314,29 +313,6 @@ def _follow(loop, x, read, z, pitching, alpha, commands, left, change):
 
 
 @jit
-def rest_of(body, k, point, z, x, change):
-    """(4,) roll, pitch and yaw rate and lateral specific force in the trim x."""
-    _, _, side, _, _ = motion(body, k, point, z[2], x, 0.0, 0.0, change)
-    return np.array([x[3], x[4], x[5], side])
-
-
-@jit
-def closed_loop(body, k, point, z, rest, loop, x, gusts, commands, left, read, change):
-    """Rates of change of all states x, into `change`.
-
-    rest: of `rest_of`.   gusts: alpha and beta [rad].   commands, left: as in `_follow`.
-    read: workspace (7,), zeros.
-    """
-    alpha, beta, ay, _, _ = motion(body, k, point, z[2], x, gusts[0], gusts[1], change)
-    read[0], read[1], read[2] = beta, x[3] - rest[0], x[5] - rest[2]
-    read[3] = (ay - rest[3]) / point.gravity
-    read[4], read[5] = x[11] - z[3], x[12] - z[4]
-    if loop.bank:
-        read[6] = bank_of(x) - z[1]
-    _follow(loop, x, read, z, x[4] - rest[1], alpha, commands, left, change)
-
-
-@jit
 def outputs_of(body, k, point, thrust, x, gusts, change, out):
     """Outputs of a state, into `out`: `N_OUTPUTS`, or without the last.   gusts: [rad]."""
     alpha, beta, ay, az, density = motion(body, k, point, thrust, x, gusts[0], gusts[1], change)
@@ -357,17 +333,20 @@ def roll_out(
     n, h, in_parts = LAW + len(loop.a), times.step / times.parts, 1.0 / times.parts
     x, stage, change, total = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     left, held, read, air = np.empty(3), np.empty(3), np.zeros(7), np.empty(4)
-    gusts, seat, steered = np.zeros(2), seats(in_loop, address(memory)), address(commands)
+    feeds_back_bank = loop.b[:, 6].any() or loop.d[:, 6].any()
+    seat, steered = seats(in_loop, address(memory)), address(commands)
     for i in range(first, last):
         z, k, row = trims[i], theta[i], i if len(pilot) > 1 else 0
         begin(point, z, x)
-        held[:], air[:], gusts[:] = 0.0, 0.0, 0.0
-        rest = rest_of(body, k, point, z, x, change)
-        outputs_of(body, k, point, z[2], x, gusts, change, out[i, 0])
+        held[:], air[:] = 0.0, 0.0
+        p0, q0, r0 = x[3], x[4], x[5]
+        alpha, beta, side, az, density = motion(body, k, point, z[2], x, 0.0, 0.0, change)
+        _set_out(point, x, alpha, beta, side, az, density, out[i, 0])
         for sample in range(1, out.shape[1]):
             number = (sample - 1) // times.substeps
             if number * times.substeps == sample - 1:
-                commands[:] = pilot[row, number]
+                for s in range(3):
+                    commands[s] = pilot[row, number, s]
                 for a in range(seat.n_axes):
                     o = int(in_loop.axes[a, OUTPUT])
                     memory[place_of(seat, 0, a) + NOW] = out[i, sample - 1, o] - out[i, 0, o]
@@ -387,11 +366,17 @@ def roll_out(
                         for s in range(3):
                             left[s] *= times.half_fade
                     share = (part + 0.5 * ((step + 1) // 2)) * in_parts
-                    for g in range(2):
-                        gusts[g] = air[g] + share * (air[2 + g] - air[g])
-                    closed_loop(
-                        body, k, point, z, rest, loop, stage, gusts, commands, left, read, change
+                    alpha_gust = air[0] + share * (air[2] - air[0])
+                    beta_gust = air[1] + share * (air[3] - air[1])
+                    alpha, beta, ay, _, _ = motion(
+                        body, k, point, z[2], stage, alpha_gust, beta_gust, change
                     )
+                    read[0], read[1], read[2] = beta, stage[3] - p0, stage[5] - r0
+                    read[3] = (ay - side) / point.gravity
+                    read[4], read[5] = stage[11] - z[3], stage[12] - z[4]
+                    if feeds_back_bank:
+                        read[6] = bank_of(stage) - z[1]
+                    follow(loop, stage, read, z, stage[4] - q0, alpha, commands, left, change)
                     weight = 2.0 if step == 1 or step == 2 else 1.0
                     ahead = 0.5 * h if step < 2 else h
                     for j in range(n):
@@ -404,4 +389,5 @@ def roll_out(
                 x[j] *= length
             for s in range(3):
                 held[s] = commands[s] + left[s]
-            outputs_of(body, k, point, z[2], x, air[2:], change, out[i, sample])
+            alpha, beta, ay, az, density = motion(body, k, point, z[2], x, air[2], air[3], change)
+            _set_out(point, x, alpha, beta, ay, az, density, out[i, sample])

@@ -22,10 +22,9 @@ from core.kernels.six_dof import (
     Times,
     bank_of,
     begin,
-    closed_loop,
+    follow,
     motion,
     outputs_of,
-    rest_of,
     roll_out,
     trim,
 )
@@ -221,8 +220,7 @@ def loop_of(controller: Controller, actuator: Actuator, pitch_law: PitchLaw) -> 
     rate, position = (inf if limit is None else radians(limit) for limit in limits)
     a, b, c, d = (np.ascontiguousarray(each, dtype=np.float64) for each in controller)
     gains = pitch_law.k_alpha, pitch_law.k_q
-    reads_bank = bool(b[:, 6].any() or d[:, 6].any())
-    return Loop(a, b, c, d, *gains, actuator.bandwidth_rad_s, rate, position, reads_bank)
+    return Loop(a, b, c, d, *gains, actuator.bandwidth_rad_s, rate, position)
 
 
 def linear_loop(
@@ -236,13 +234,17 @@ def linear_loop(
     body, k, n = aircraft.body, np.ascontiguousarray(aircraft.nominal), LAW + len(loop.a)
     x0, change, still = np.empty(n), np.zeros(n), np.zeros(3)
     begin(point, z, x0)
-    rest = rest_of(body, k, point, z, x0, change)
+    _, _, side, _, _ = motion(body, k, point, z[2], x0, 0.0, 0.0, change)
 
     def rates(x: Array, commands: Array) -> Array:
-        out, read = np.zeros(n + 13), np.zeros(7)
+        out = np.zeros(n + 13)
         outputs_of(body, k, point, z[2], x, still, change, out[n:])
-        about = body, k, point, z, rest, loop
-        closed_loop(*about, x, still, commands, still, read, out[:n])
+        alpha, beta, ay, _, _ = motion(body, k, point, z[2], x, 0.0, 0.0, out[:n])
+        read = np.array(
+            [beta, *(x - x0)[[3, 5]], ay - side, *(x - x0)[[11, 12]], bank_of(x) - z[1]]
+        )
+        read[3] /= point.gravity
+        follow(loop, x, read, z, x[4] - x0[4], alpha, commands, still, out[:n])
         return out
 
     jacobian = np.empty((n + 13, n + 3))

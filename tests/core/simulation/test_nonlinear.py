@@ -137,7 +137,7 @@ def test_a_body_without_torque_keeps_energy_and_angular_momentum():
     nothing = np.zeros((1, 45))
     point = TrimCondition().point._replace(gravity=1e-12, turn=1.0, climb=0.1)
     held = np.array([[0.2, 0.7, 0.0, 0.0, 0.0, 0.0]])
-    loop = Loop(NO_LAW.a, NO_LAW.b, NO_LAW.c, NO_LAW.d, 0.0, 0.0, 20.2, inf, inf, False)
+    loop = Loop(NO_LAW.a, NO_LAW.b, NO_LAW.c, NO_LAW.d, 0.0, 0.0, 20.2, inf, inf)
     out = np.empty((1, 1001, 13))
     gust = np.empty((0, 0, 2))
     times, still = Times(0.01, 1, 1, 0.0), np.zeros((1, 1001, 3))
