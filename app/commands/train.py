@@ -186,7 +186,9 @@ def _run_on_test(options: argparse.Namespace, recipe: MonitorRecipe, test: OwnTe
         flights = dataset.flights()
         test.flown_by.check_unlike(flights.y)
         with stage_bar("training") as show:
-            training = train_on_simulator(dataset, recipe, test, n_test, show, choose=choose)
+            training = train_on_simulator(
+                dataset, recipe, test, n_test, show, executor, choose=choose
+            )
     found = (*doubts_of(flights), *beyond_plausible(dataset.dictionary, flights.y))
     if redrawn := getattr(test.flown_by.own, "redrawn", ""):
         found = (*found, redrawn)

@@ -230,32 +230,34 @@ def train_on_simulator(
     test: OwnTest | NonlinearTest,
     n_test: int,
     progress: Progress,
+    executor: Executor | None = None,
     *,
     choose: bool = False,
 ) -> Training:
     """Train a monitor on rollouts of an own simulator or a nonlinear aircraft, and test it on
     n_test fresh ones.
 
+    executor: flies an own simulator, see `collect`.
     choose: choose the method by fresh flights; else that of the recipe is used.
     """
     recipe = recipe.as_planned()
     progress("training", 0, 3)
-    learning, failures = training_rollouts(test), None
+    learning, failures = training_rollouts(test, executor=executor), None
     if choose or recipe.predictor.forecast == "ensemble":
-        own = isinstance(test, OwnTest)
-        failures = _fresh_failures(test if own else replace(test, groups=recipe.groups), progress)
+        grouped = test if isinstance(test, OwnTest) else replace(test, groups=recipe.groups)
+        failures = _fresh_failures(grouped, progress, executor)
     choosing = None
     if choose:
-        tried = evaluation_flights(test, CHOICE_FLIGHTS, Branch.CHOICE)
+        tried = evaluation_flights(test, CHOICE_FLIGHTS, Branch.CHOICE, executor)
         choosing = replace(dataset.flights(), **tried._asdict())
     if choosing is not None:
         progress(f"trying the methods on {len(choosing.y)} fresh flights", 0, 3)
     monitor, methods = _learned(dataset, recipe, choosing, learning, failures)
-    monitor, not_calibrated = _with_validity(monitor, dataset, test, progress)
+    monitor, not_calibrated = _with_validity(monitor, dataset, test, progress, executor)
     if n_test == 0:
         return Training(dataset, monitor, not_calibrated=not_calibrated)
     progress(f"certifying on {n_test} fresh flights", 2, 3)
-    monitor, flown = with_test(monitor, test, n_test, dataset.unsafe_rate)
+    monitor, flown = with_test(monitor, test, n_test, dataset.unsafe_rate, executor)
     monitor = replace(monitor, evaluation=(monitor.evaluation or {}) | methods)
     progress("done", 3, 3)
     if not isinstance(test, OwnTest):
@@ -307,13 +309,15 @@ def _learned(
     return methods[chosen][0], {"methods": rows}
 
 
-def _fresh_failures(recipe: SimulatedTest, progress: Progress) -> Rollouts:
+def _fresh_failures(
+    recipe: SimulatedTest, progress: Progress, executor: Executor | None = None
+) -> Rollouts:
     """As many failing flights as the dataset has, to calibrate a rule of several parts."""
 
     def report(n_unsafe: int, n_made: int) -> None:
         progress(f"training: {n_unsafe} fresh failures of {n_made} flights", 0, 3)
 
-    return combination_failures(recipe, recipe.n_unsafe, report, Branch.ENSEMBLE)[0]
+    return combination_failures(recipe, recipe.n_unsafe, report, Branch.ENSEMBLE, executor)[0]
 
 
 def _near_failures(recipe: DatasetRecipe, progress: Progress) -> list[Rollouts]:
@@ -326,10 +330,14 @@ def _near_failures(recipe: DatasetRecipe, progress: Progress) -> list[Rollouts]:
 
 
 def with_test(
-    monitor: Monitor, recipe: SimulatedTest, n: int, unsafe_rate: float
+    monitor: Monitor,
+    recipe: SimulatedTest,
+    n: int,
+    unsafe_rate: float,
+    executor: Executor | None = None,
 ) -> tuple[Monitor, FlownTest]:
     """The monitor with its test on n fresh flights. unsafe_rate: of its planned test."""
-    test = fly_test(monitor, recipe, n)
+    test = fly_test(monitor, recipe, n, executor)
     return _with_evaluation(monitor, test, n, unsafe_rate), test
 
 
@@ -344,12 +352,17 @@ def _with_evaluation(monitor: Monitor, test: FlownTest, n: int, unsafe_rate: flo
 
 
 def _with_validity(
-    monitor: Monitor, dataset: Dataset, recipe: SimulatedTest, progress: Progress
+    monitor: Monitor,
+    dataset: Dataset,
+    recipe: SimulatedTest,
+    progress: Progress,
+    executor: Executor | None = None,
 ) -> tuple[Monitor, str]:
     """The monitor with calibrated validity and "", or without and the reason."""
     most = max(MOST_FRESH, len(dataset.unsafe) + dataset.n_safe_met)
+    flights = _counted(fresh(recipe, most, executor), progress)
     try:
-        return with_validity(monitor, dataset, _counted(fresh(recipe, most), progress)), ""
+        return with_validity(monitor, dataset, flights), ""
     except SupportError as error:
         return monitor, str(error)
 
@@ -364,12 +377,14 @@ def _counted(batches: Iterator[Rollouts], progress: Progress) -> Iterator[Rollou
         progress(f"calibrating validity on fresh flights: {n_flown} so far", 1, 3)
 
 
-def fly_test(monitor: Monitor, recipe: SimulatedTest, n: int) -> FlownTest:
+def fly_test(
+    monitor: Monitor, recipe: SimulatedTest, n: int, executor: Executor | None = None
+) -> FlownTest:
     """Test a monitor on n fresh flights of a planned test and n of each difference from it.
 
     As far as the test's simulator can fly them, and stop them.
     """
-    flights = evaluation_flights(recipe, n)
+    flights = evaluation_flights(recipe, n, executor=executor)
     test, alerts = _tested(monitor, flights.y, flights.fail_index)
     prevented = None
     if isinstance(recipe.simulator(), Stops):

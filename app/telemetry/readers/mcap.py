@@ -10,9 +10,9 @@ from math import nan
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
-from app import json_codec
 from app.telemetry.contents import ColumnWriter, Contents
 from app.telemetry.readers.signal_tables import (
     Column,
@@ -94,7 +94,7 @@ def _messages(path: Path, ignored: dict[str, None]) -> Iterator[tuple[str, int, 
                 encoding = channel.message_encoding
                 found = (factory.decoder_for(encoding, schema) for factory in factories)
                 decoders[channel.id] = (
-                    json_codec.decode
+                    msgspec.json.decode
                     if encoding == "json"
                     else next((decoder for decoder in found if decoder), None)
                 )

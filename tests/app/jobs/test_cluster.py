@@ -14,8 +14,11 @@ from app.cli import main
 from app.jobs import cluster
 from app.jobs.cluster import ClusterError, executor_at
 from app.jobs.jobs import Jobs
+from app.jobs.training import train_on_simulator
 from app.store.store import open_store
+from core.monitor import MonitorRecipe
 from core.planned_test.collection import DatasetRecipe, collect
+from tests.support.own_pitch import pitch, small_test
 from tests.support.patience import until
 
 RECIPE = replace(DatasetRecipe(), n_unsafe=200, n_obs=30)
@@ -115,3 +118,13 @@ def test_a_cancelled_job_leaves_the_cluster_to_others(dask_cluster: Any, tmp_pat
     with executor_at(dask_cluster.scheduler_address) as executor:
         assert executor is not None
         assert executor.submit(int, "7").result() == 7
+
+
+@pytest.mark.services
+def test_an_own_simulator_is_trained_on_a_cluster_as_here(dask_cluster: Any) -> None:
+    test = small_test(pitch, n_unsafe=40)
+    plan = MonitorRecipe(epsilon=0.2), test, 100, lambda *_: None
+    here = train_on_simulator(collect(test), *plan).monitor
+    with executor_at(dask_cluster.scheduler_address) as executor:
+        there = train_on_simulator(collect(test, executor=executor), *plan, executor).monitor
+    assert there.to_bytes() == here.to_bytes()
