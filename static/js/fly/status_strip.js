@@ -49,8 +49,9 @@ export function createStatusStrip(element) {
     for (const key of ["source", "monitor"]) items[key].value.title = items[key].value.textContent; // may be cut
     if (noRest) items.monitor.value.title += ". Rest of the test card: no forecast with this method";
     nameMonitor();
-    items.test.box.title = warnings.map(sentence).join(" ");
-    show("test", warningWords({ warnings }), "caution");
+    const ofTest = warnings.filter((text) => !text.startsWith("validity ")); // the monitor's name says that
+    items.test.box.title = ofTest.map(sentence).join(" ");
+    show("test", warningWords({ warnings: ofTest }), "caution");
     if (result) showState([result.words], result.level);
     else if (headline === null) showState(["–"], "off");
     else showState(partsOf(briefly(headline), cause), LEVEL_OF[headline.level]);
