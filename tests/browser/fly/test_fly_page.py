@@ -797,7 +797,7 @@ def test_a_record_of_much_to_say_leaves_its_strips_their_place(fly: Fly) -> None
     fly.watch(UNSAFE, ("pause", None), ("next_alert", None))
     fly.event("alert, risk").wait_for()
     fly.ask("POST", f"/flights/{fly.flight}/end")
-    expect(fly.page.locator(".notice .monitor-warning")).to_be_visible()
+    expect(fly.page.locator(".notice .monitor-warning").last).to_be_visible()
     fly.page.locator(".strip").last.wait_for()
     assert fly.page.evaluate(OVERLAP) <= 1
 
