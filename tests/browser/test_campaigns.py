@@ -244,7 +244,7 @@ def test_a_point_on_hold_is_computed_with_its_monitor(
     campaign: Campaign, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     risks = np.full(120, 0.3)
-    monkeypatch.setattr(clearing, "with_monitor", lambda rule, _: WithMonitor(rule.recipe, risks))
+    monkeypatch.setattr(clearing, "with_monitor", lambda rule, *_: WithMonitor(rule.recipe, risks))
     campaign.hold()
     campaign.page.get_by_label("your name").fill("Ann")
     campaign.press("Compute with its monitor")

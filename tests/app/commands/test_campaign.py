@@ -210,7 +210,7 @@ def test_a_clearance_is_computed_with_the_monitor_of_its_point(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     risks = np.full(120, 0.3)
-    monkeypatch.setattr(clearing, "with_monitor", lambda rule, _: WithMonitor(rule.recipe, risks))
+    monkeypatch.setattr(clearing, "with_monitor", lambda rule, *_: WithMonitor(rule.recipe, risks))
     campaign, by = tmp_path / "campaign.json", ("--by", "Ann")
     plan = ("--name", "Rudder", "--steps", "0.6", "1")
     wider = [word.replace("0.3g", "0.305g") for word in TEST]

@@ -170,7 +170,7 @@ def test_a_monitor_is_a_part_of_a_clearance(client, monkeypatch: pytest.MonkeyPa
     """The clearance gives the monitor's recipe, and the checklist asks for it."""
     risks = np.full(120, 0.3)
     monkeypatch.setattr(
-        clearing_module, "with_monitor", lambda rule, _: WithMonitor(rule.recipe, risks)
+        clearing_module, "with_monitor", lambda rule, *_: WithMonitor(rule.recipe, risks)
     )
     wider = TEST | {"limits": {"Ny": 0.305}, "n_unsafe": 60}
     path = planned(client, conditions=[{"dataset": wider, "steps": [0.6, 1.0]}])
