@@ -15,15 +15,20 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from app.upkeep import store_copy as copying  # slow to import, not for help
+    from app.upkeep.integrity import contents_of
 
     source, target = copying.folder_of(options.source), copying.folder_of(options.target)
     folders = (source, target) if source and target else None
     url = copying.store_address(options.target)
     numbers, n_files = copying.copy_store(copying.store_address(options.source), url, folders)
     place = url.render_as_string(hide_password=True)
+    damaged: list[str] = []
     n_rows, files = counted(sum(numbers.values()), "row"), counted(n_files, "file")
     if folders is not None:
         text = f"copied and verified {n_rows} and {files} of recordings and journals to {target}"
+        assert target is not None
+        damaged = contents_of(url.render_as_string(hide_password=False), target).damaged
+        text = "\n".join([text, *(f"◆ damaged before the copy: {line}" for line in damaged)])
     elif source is not None:
         stay = counted(copying.n_files_of(source), "file")
         text = (
@@ -37,5 +42,6 @@ def run(options: argparse.Namespace) -> int:
             "the folders `recordings` and `live` of the data directory served with "
             f"{options.source} to {target or 'that of the new server'}"
         )
-    print_result(options, text, {"database": place, "rows": numbers, "files": n_files})
+    plain = {"database": place, "rows": numbers, "files": n_files, "damaged": damaged}
+    print_result(options, text, plain)
     return 0

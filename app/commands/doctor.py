@@ -6,7 +6,6 @@ import json
 import platform
 import tempfile
 import threading
-from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -26,7 +25,6 @@ from app.commands.output.results import print_result
 from app.jobs.cluster import ClusterError, words_of
 from app.jobs.training import simulate
 from app.main import STATIC, create_app
-from app.recordings.files import RecordingFiles
 from app.scene.server import SUBPROTOCOL
 from app.serving import Server, address_of, listen
 from app.settings import Settings, SettingsError
@@ -34,8 +32,7 @@ from app.store.database import address, is_sqlite
 from app.store.disk import LastStop
 from app.store.schema import current_revision, migrations, needs_upgrade, revisions
 from app.store.store import StoreError, open_store
-from app.telemetry.journal import Journals
-from app.upkeep.integrity import all_items
+from app.upkeep.integrity import contents_of
 from core import __version__
 from core.counted import counted
 from core.monitor import MonitorRecipe, train
@@ -43,6 +40,8 @@ from core.planned_test.collection import DatasetRecipe
 
 PACKAGES = ("numpy", "scipy", "numba", "fastapi", "uvicorn", "sqlalchemy", "viser", "websockets")
 NEEDED = ("index.html", "style.css", "js/main.js")
+MOST_NAMED = 5
+"""Damaged items that are named."""
 PATIENCE = 20.0
 """[s] A step that takes longer has failed."""
 
@@ -158,14 +157,10 @@ def contents(settings: Settings) -> str:
         return "none yet"
     if needs_upgrade(url):
         return "not checked before the schema is upgraded"
-    files = RecordingFiles(settings.data_dir / "recordings")
-    journals = Journals(settings.data_dir / "live")
-    numbers, unverified = Counter[str](), set[str]()
-    with closing(open_store(settings.url, recover=False)) as store:
-        for item in all_items(store, files, journals, unverified):
-            if (damage := item.damage()) is not None:
-                raise Failed(str(damage))
-            numbers[item.kind] += 1
+    numbers, damaged, unverified = contents_of(settings.url, settings.data_dir)
+    if damaged:
+        more = f"; and {len(damaged) - MOST_NAMED} more" if damaged[MOST_NAMED:] else ""
+        raise Failed("; ".join(damaged[:MOST_NAMED]) + more)
     kinds = ("monitor", "dataset", "recording", "scoring", "flight")
     found = ", ".join(counted(numbers[kind], kind) for kind in kinds)
     if unverified:

@@ -276,6 +276,12 @@ def _files(request: ArchiveRequest) -> Iterator[ArchiveFile]:
     root, out = request.score.file, request.out.resolve()
     if not root.is_dir():
         raise ValueError(f"{root} is not a folder: give the folder of the recordings")
+    if out == root.resolve() or root.resolve() in out.parents:
+        raise ValueError(
+            f"the results in {request.out} would lie among the recordings: give another --out"
+        )
+    if request.out.exists() and not request.out.is_dir():
+        raise ValueError(f"{request.out} is a file: give a folder for the results")
     for path in sorted(root.rglob("*")):
         inside = path.relative_to(root)
         if any(part.startswith(".") for part in inside.parts) or out in path.resolve().parents:

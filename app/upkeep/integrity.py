@@ -7,11 +7,13 @@ enough not to disturb flights. Damage is reported; readers check again and never
 import logging
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from app.recordings.files import Elsewhere, RecordingFiles, digest_of
 from app.recordings.flown_journal import journal_damage
@@ -19,8 +21,9 @@ from app.recordings.samples import open_samples, open_tiles
 from app.store.database import Damaged, Interrupted, check_pages
 from app.store.recordings import RecordingInfo
 from app.store.repository import Entry
-from app.store.store import NotFound, Store, StoreError
+from app.store.store import NotFound, Store, StoreError, open_store
 from app.telemetry.journal import Journals
+from app.upkeep.archive import JOURNALS, RECORDINGS
 
 LOG = logging.getLogger("forewarn")
 BEGIN_AFTER_S = 5.0
@@ -68,6 +71,36 @@ class Item:
         except StoreError as error:
             return Damage(self.kind, self.id, self.name, str(error))
         return None
+
+
+class Contents(NamedTuple):
+    """What a store holds.
+
+    numbers: intact items by kind.   damaged: a sentence for each damaged one, or one that lies in
+    another data directory.   unverified: flights without a digest.
+    """
+
+    numbers: Counter[str]
+    damaged: list[str]
+    unverified: set[str]
+
+
+def contents_of(url: str, data_dir: Path) -> Contents:
+    """Check every item of a store that no server has open. StoreError."""
+    files, journals = RecordingFiles(data_dir / RECORDINGS), Journals(data_dir / JOURNALS)
+    numbers, damaged, unverified = Counter[str](), list[str](), set[str]()
+    with closing(open_store(url, recover=False)) as store:
+        for item in all_items(store, files, journals, unverified):
+            try:
+                damage = item.damage()
+            except Elsewhere as elsewhere:
+                damaged.append(str(elsewhere))
+                continue
+            if damage is None:
+                numbers[item.kind] += 1
+            else:
+                damaged.append(str(damage))
+    return Contents(numbers, damaged, unverified)
 
 
 class Stopped(Exception):

@@ -354,8 +354,13 @@ class FlownLive(Source):
 def journal_setup(opening: Opening, flight_id: str) -> LiveSetup:
     """How the journal of an ended flight is read and scored. NotFound; SourceError; Damaged."""
     info, journals = opening.store.flights.info(flight_id), opening.journals
-    if info.source.get("kind") != "live" or journals is None or not journals.has(flight_id):
+    if info.source.get("kind") != "live" or journals is None:
         raise SourceError(f"flight {flight_id} has no journal: choose a live flight that has ended")
+    if not journals.has(flight_id):
+        raise SourceError(
+            f"the journal of flight {flight_id} is missing: restore the data directory from a "
+            "backup"
+        )
     if info.status == "running":
         raise SourceError(f"flight {flight_id} is in progress: end it, then score or replay it")
     if damage := journal_damage(info, digest_of(journals.path(flight_id))):

@@ -193,6 +193,17 @@ def test_a_process_that_the_system_ended_is_one_sentence(
     assert "--workers" in capsys.readouterr().err
 
 
+def test_results_among_the_recordings_or_in_a_file_are_refused(
+    source: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = sorted(source.rglob("*"))
+    for out in (source, source / "results", tmp_path / "file"):
+        (tmp_path / "file").touch()
+        assert main(["score-archive", str(MONITOR_FILE), str(source), "--out", str(out)]) == 1
+        assert str(out) in capsys.readouterr().err
+    assert sorted(source.rglob("*")) == before
+
+
 @pytest.mark.fuzz
 def test_two_processes_give_the_tables_of_one(source: Path, tmp_path: Path, scored: Any) -> None:
     scored()

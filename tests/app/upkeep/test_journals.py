@@ -16,7 +16,7 @@ from app.recordings.files import digest_of
 from app.recordings.recordings import Recordings
 from app.settings import Settings
 from app.store.database import Damaged
-from app.store.store import StoreError, open_store
+from app.store.store import open_store
 from app.store.tables import flights
 from app.telemetry.journal import Journals
 from app.upkeep.backup import back_up
@@ -94,6 +94,16 @@ def test_a_journal_altered_or_missing_is_found(
     assert [word in line for line in made.manifest.damaged] == [True]
     assert main(["restore", str(backup), "--data-dir", str(backup.parent / "back")]) == 0
     assert word in capsys.readouterr().out
+    assert main(["copy-store", str(settings.data_dir), str(backup.parent / "copy")]) == 0
+    assert word in capsys.readouterr().out
+
+
+def test_doctor_names_all_damage(settings: Settings, journal: Path) -> None:
+    alter(journal)
+    file = next((settings.data_dir / "recordings").glob("*/file"))
+    file.write_bytes(file.read_bytes() + b"x")
+    with pytest.raises(Failed, match=r"recording .*; flight .* altered"):
+        doctor.contents(settings)
 
 
 def test_an_altered_journal_is_not_replayed(settings: Settings, journal: Path) -> None:
@@ -120,7 +130,7 @@ def test_journals_of_another_data_directory_are_no_damage(
 ) -> None:
     journal.parent.rename(journal.parent.with_name("moved"))
     assert found(settings) == ([], 0, 1)
-    with pytest.raises(StoreError, match="another data directory"):
+    with pytest.raises(Failed, match="another data directory"):
         doctor.contents(settings)
 
 
