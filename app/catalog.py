@@ -160,7 +160,8 @@ def _usual_test(member: Any) -> dict[str, Any] | None:
         return {part: recipe[part] for part in ("control_law", "maneuver", LIMITS)}
     if isinstance(member, Maneuver):
         recipe = to_plain(NonlinearTest(maneuver=member, pilot=usual_pilot(member)).with_usual())
-        return {part: recipe[part] for part in ("condition", LIMITS)}
+        parts = {part: recipe[part] for part in ("condition", LIMITS)}
+        return parts | {"pilot": to_plain(usual_pilot(member))}
     return None
 
 

@@ -115,7 +115,9 @@ def _numbers(message: Any, topic: str, ignored: dict[str, None]) -> dict[str, fl
         name, value, depth = waiting.pop()
         if isinstance(value, bool | int | float):
             numbers[name] = float(value)
-        elif isinstance(value, str | bytes | bytearray | memoryview) or value is None:
+        elif value is None:
+            continue
+        elif isinstance(value, str | bytes | bytearray | memoryview):
             ignored[f"{topic}/{name}: text or bytes"] = None
         elif depth == DEEPEST or (_is_sequence(value) and len(value) > MOST_ELEMENTS):
             ignored[f"{topic}/{name}: an array"] = None

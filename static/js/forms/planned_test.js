@@ -69,16 +69,21 @@ function fieldsOf({ api, catalog, recipe, initial, asFlown, withGroups }) {
     objects.map(fields.element),
     withGroups && fields.element(GROUPS),
   );
-  beginWithUsualTest(fields, main, catalog, recipe === catalog.recipes.nonlinear ? "maneuver" : "aircraft");
+  if (recipe === catalog.recipes.nonlinear) beginWithUsualTest(fields, main, catalog, "maneuver");
+  else {
+    beginWithUsualTest(fields, main, catalog, "aircraft");
+    beginWithUsualTest(fields, main, catalog, "maneuver", ["pilot"]);
+  }
   main.append(amplitudeSuggestion(fields, api));
   return { fields, main, folded, size: fields.element(SIZE) };
 }
 
 /**
  * A new aircraft brings its control law, manoeuvre and limits, a new manoeuvre of a nonlinear one its limits and condition,
- * except those changed by hand.   leading: "aircraft" or "maneuver"
+ * except those changed by hand; a capture brings its pilot.   leading: "aircraft" or "maneuver"
+ *   parts: those that it brings; all if absent
  */
-function beginWithUsualTest(fields, element, catalog, leading) {
+function beginWithUsualTest(fields, element, catalog, leading, parts = null) {
   const byHand = new Set();
   element.addEventListener("change", ({ target, isTrusted }) => {
     const part = target.name?.split(".")[1];
@@ -86,7 +91,8 @@ function beginWithUsualTest(fields, element, catalog, leading) {
     if (target.name !== `dataset.${leading}.kind`) return;
     const begun = { ...catalog.families[leading].entries[target.value].usual_test };
     if (begun.maneuver) begun.maneuver = { ...begun.maneuver, ...flownBefore() };
-    for (const [key, value] of Object.entries(begun)) if (!byHand.has(key)) fields.put(key, value);
+    for (const [key, value] of Object.entries(begun))
+      if (!byHand.has(key) && (parts === null || parts.includes(key))) fields.put(key, value);
   });
 
   function flownBefore() {

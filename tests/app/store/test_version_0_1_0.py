@@ -105,7 +105,7 @@ def test_every_sample_and_alarm_of_the_flight_is_there(store: Store) -> None:
     named = answer["source"] | {"name": answer["name"]}
     flown = answer | {"source": named, "lost": 0}
     new = {"exceeded_t", "exceedances", "keep", "limits_held", "recording", "recording_id"}
-    assert_answers(store.flights.info(FLIGHT), flown, *new, "summary")
+    assert_answers(store.flights.info(FLIGHT), flown, *new, "summary", "journal_digest")
     stored = store.flights.assessments(FLIGHT)
     frames = ANSWERS[f"flights/{FLIGHT}/assessments"]["frames"]
     assert len(stored) == len(frames) == 121

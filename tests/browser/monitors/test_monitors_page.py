@@ -159,6 +159,15 @@ def test_another_aircraft_brings_its_usual_test(page: Page, site: Site) -> None:
     expect(field(page, "dataset.maneuver.amplitude_deg")).to_have_value("5")
 
 
+def test_a_capture_brings_its_pilot(page: Page, site: Site) -> None:
+    page.goto(f"{site.http}/#/monitors/new")
+    pilot = field(page, "dataset.pilot.kind")
+    field(page, "dataset.maneuver.kind").select_option("bank_capture")
+    expect(pilot).to_have_value("crossover")
+    field(page, "dataset.maneuver.kind").select_option("rudder_doublet")
+    expect(pilot).to_have_value("open_loop")
+
+
 def test_an_amplitude_is_suggested_for_another_limit(
     page: Page, site: Site, allowed_errors: list[str]
 ) -> None:

@@ -51,7 +51,8 @@ def test_nested_fields_and_short_arrays_are_signals(path: Path) -> None:
 
 
 def test_a_field_that_a_message_lacks_is_missing(path: Path) -> None:
-    columns = in_json(path, {"p": 1}, {"p": 2, "r": 3}, {"r": 4})
+    columns = in_json(path, {"p": 1}, {"p": 2, "r": 3}, {"p": None, "r": 4})
+    assert columns.contents.ignored == ()
     np.testing.assert_array_equal(columns.values("air/p"), [1, 2, np.nan])
     np.testing.assert_array_equal(columns.values("air/r"), [np.nan, 3, 4])
 
