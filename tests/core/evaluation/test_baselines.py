@@ -247,7 +247,7 @@ def test_the_safe_flights_lie_within_the_envelope_and_the_boxes(
 
 def test_the_share_of_one_limit_is_the_papers_current_value(rollouts: tuple[Dataset, Rollouts]):
     dataset, flights = rollouts
-    predictor, score = methods(dataset.specification)["current |Ny|"]  # type: ignore[arg-type]
+    predictor, score = methods(DatasetRecipe())["current |Ny|"]
     monitor = train(dataset, replace(RECIPE, predictor=predictor, score=score))
     theirs = evaluate(monitor, flights.y, flights.fail_index, EPSILONS)
     ours, _ = evaluate_baseline(CurrentShare(), dataset, flights, RECIPE, EPSILONS)
