@@ -29,8 +29,8 @@ PATIENCE = 3
 GRACE = 1
 """[s] Requests still running after that time are cancelled this much later."""
 BACKLOG = 128
-COLLECTED = 2_000, 50, 100
-"""Thresholds of the garbage collector: short collections, and seldom one of all objects."""
+COLLECTED = 20_000, 50, 10
+"""Thresholds of the garbage collector: rare collections, so that no sample waits."""
 THREAD_TURN_S = 0.001
 """Longest time that a computing thread delays the event loop [s]. The interpreter's default is five
 times as long, and a sample would wait for it at each wake-up of the loop."""
