@@ -115,7 +115,8 @@ def exceedance(
 def _furthest(
     keys: Sequence[str], limits: Envelope, y: Array, judged: Judged
 ) -> MeasuredExceedance:
-    worst = int(np.nan_to_num(limits.shares(y)).argmax())
+    with np.errstate(over="ignore"):  # a sensor may send the largest of numbers
+        worst = int(np.nan_to_num(limits.shares(y)).argmax())
     value = float(y[worst])
     return MeasuredExceedance(keys[worst], value, limits.exceeded(worst, value), judged)
 

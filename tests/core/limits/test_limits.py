@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.channels import KEYS
-from core.limits.limits import SPECIFICATIONS, Limits
+from core.limits.exceedance import exceedance
+from core.limits.limits import SPECIFICATIONS, Envelope, Limits
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -67,3 +68,11 @@ def test_a_specification_without_limits_is_refused() -> None:
 def test_every_specification_distinguishes_rest_from_a_violent_flight(name: str) -> None:
     y = np.stack([np.zeros((9, 6)), np.full((9, 6), 1e6)])
     assert SPECIFICATIONS[name].first_exceedance(y).tolist() == [9, 0]
+
+
+def test_the_largest_of_numbers_is_an_exceedance_like_any_other() -> None:
+    limits = Envelope.of_magnitudes(np.array([np.inf, 0.5]))
+    y = np.array([0.0, -1.7e308])
+    named = exceedance(("beta", "Ny"), limits, y, y)
+    assert named is not None
+    assert (named.channel, named.value) == ("Ny", -1.7e308)
