@@ -26,8 +26,7 @@ def run(options: argparse.Namespace) -> int:
     n_rows, files = counted(sum(numbers.values()), "row"), counted(n_files, "file")
     if folders is not None:
         text = f"copied and verified {n_rows} and {files} of recordings and journals to {target}"
-        assert target is not None
-        damaged = contents_of(url.render_as_string(hide_password=False), target).damaged
+        damaged = contents_of(url.render_as_string(hide_password=False), folders[1]).damaged
         text = "\n".join([text, *(f"◆ damaged before the copy: {line}" for line in damaged)])
     elif source is not None:
         stay = counted(copying.n_files_of(source), "file")

@@ -56,6 +56,14 @@ class Range:
     def end(self, flight: str) -> dict[str, Any]:
         return self.client.post(f"{FLIGHTS}/{flight}/end").json()
 
+    def flown(self) -> tuple[str, str]:
+        """Fly a short flight to its end; its id and that of its recording."""
+        flight = self.start()
+        for k in range(20):
+            self.push(flight, k)
+        self.end(flight)
+        return flight, self.recording_of(flight)["id"]
+
     def recording_of(self, flight: str) -> dict[str, Any]:
         """The recording that a flight became, as soon as it is there."""
         for _ in range(int(PATIENCE / 0.02)):

@@ -32,12 +32,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """A data directory with an ended live flight, and its id."""
     data_dir = tmp_path_factory.mktemp("flown")
     with api(data_dir) as client:
-        at_range = Range(client, data_dir)
-        flight = at_range.start()
-        for k in range(20):
-            at_range.push(flight, k)
-        at_range.end(flight)
-        at_range.recording_of(flight)
+        flight, _ = Range(client, data_dir).flown()
     return data_dir, flight
 
 

@@ -133,11 +133,7 @@ def test_a_store_copied_between_folders_serves_recordings_and_journals(tmp_path:
     source, target = tmp_path / "one", tmp_path / "two"
     with api(source) as client:
         flown = Range(client, source)
-        flight = flown.start()
-        for k in range(20):
-            flown.push(flight, k)
-        flown.end(flight)
-        recording = flown.recording_of(flight)["id"]
+        flight, recording = flown.flown()
     numbers, n_files = copy_store(
         store_address(str(source)), store_address(str(target)), (source, target)
     )
