@@ -1,5 +1,7 @@
 """What the tests share: how Hypothesis runs, and one small dataset."""
 
+import app  # noqa: F401  # isort: skip  # before numpy, which then reads how many threads to use
+
 import gc
 import ssl
 from collections.abc import Generator, Iterator

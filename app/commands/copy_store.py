@@ -15,7 +15,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from app.upkeep import store_copy as copying  # slow to import, not for help
-    from app.upkeep.integrity import contents_of
+    from app.upkeep.integrity import inventory_of
 
     source, target = copying.folder_of(options.source), copying.folder_of(options.target)
     folders = (source, target) if source and target else None
@@ -26,7 +26,7 @@ def run(options: argparse.Namespace) -> int:
     n_rows, files = counted(sum(numbers.values()), "row"), counted(n_files, "file")
     if folders is not None:
         text = f"copied and verified {n_rows} and {files} of recordings and journals to {target}"
-        damaged = contents_of(url.render_as_string(hide_password=False), folders[1]).damaged
+        damaged = inventory_of(url.render_as_string(hide_password=False), folders[1]).damaged
         text = "\n".join([text, *(f"◆ damaged before the copy: {line}" for line in damaged)])
     elif source is not None:
         stay = counted(copying.n_files_of(source), "file")

@@ -32,7 +32,7 @@ from app.store.database import address, is_sqlite
 from app.store.disk import LastStop
 from app.store.schema import current_revision, migrations, needs_upgrade, revisions
 from app.store.store import StoreError, open_store
-from app.upkeep.integrity import contents_of
+from app.upkeep.integrity import inventory_of
 from core import __version__
 from core.counted import counted
 from core.monitor import MonitorRecipe, train
@@ -157,7 +157,7 @@ def contents(settings: Settings) -> str:
         return "none yet"
     if needs_upgrade(url):
         return "not checked before the schema is upgraded"
-    numbers, damaged, unverified = contents_of(settings.url, settings.data_dir)
+    numbers, damaged, unverified = inventory_of(settings.url, settings.data_dir)
     if damaged:
         more = f"; and {len(damaged) - MOST_NAMED} more" if damaged[MOST_NAMED:] else ""
         raise Failed("; ".join(damaged[:MOST_NAMED]) + more)

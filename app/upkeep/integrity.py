@@ -73,7 +73,7 @@ class Item:
         return None
 
 
-class Contents(NamedTuple):
+class Inventory(NamedTuple):
     """What a store holds.
 
     numbers: intact items by kind.   damaged: a sentence for each damaged one, or one that lies in
@@ -85,7 +85,7 @@ class Contents(NamedTuple):
     unverified: set[str]
 
 
-def contents_of(url: str, data_dir: Path) -> Contents:
+def inventory_of(url: str, data_dir: Path) -> Inventory:
     """Check every item of a store that no server has open. StoreError."""
     files, journals = RecordingFiles(data_dir / RECORDINGS), Journals(data_dir / JOURNALS)
     numbers, damaged, unverified = Counter[str](), list[str](), set[str]()
@@ -100,7 +100,7 @@ def contents_of(url: str, data_dir: Path) -> Contents:
                 numbers[item.kind] += 1
             else:
                 damaged.append(str(damage))
-    return Contents(numbers, damaged, unverified)
+    return Inventory(numbers, damaged, unverified)
 
 
 class Stopped(Exception):
