@@ -16,6 +16,7 @@ from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.mapping.mapping import ChannelSource, Mapping
 from app.telemetry.readers.journal import TIMES
 from app.telemetry.recording import ATTITUDE, TelemetryError
+from app.telemetry.scaling import Scaling
 from app.telemetry.targets import TARGETS, largest_plausible, target_of
 from app.telemetry.units import convert
 from core.channels import LATERAL, Dictionary
@@ -105,22 +106,25 @@ def _flatten(plain: dict[str, Any], prefix: str, values: Values, depth: int) -> 
 
 @dataclass(frozen=True)
 class _Direct:
-    """A channel taken from one signal: value * scale + shift."""
+    """A channel taken from one signal: value * scale + shift.   bits: of its words."""
 
     name: str
     scale: float = 1.0
     shift: float = 0.0
+    bits: str = ""
 
     def __call__(self, values: Values, n: int) -> list[float]:
         numbers = _numbers(values, self.name, n)
         if self.is_plain:
             return numbers
+        if self.bits:
+            numbers = Scaling(bits=self.bits)(np.array(numbers)).tolist()
         return [value * self.scale + self.shift for value in numbers]
 
     @property
     def is_plain(self) -> bool:
         """Whether values need no conversion."""
-        return self.scale == 1.0 and self.shift == 0.0
+        return self.scale == 1.0 and self.shift == 0.0 and not self.bits
 
 
 class ChannelReader:
@@ -153,11 +157,11 @@ class ChannelReader:
                 if source.signal
             }
             self._derived = {key: mapping.channels[key] for key in derivation_order(mapping)}
-        self._units = {channel.key: channel.unit for channel in dictionary.channels}
+        self._sources = {c.key: ChannelSource(c.key, c.unit) for c in dictionary.channels}
         if mapping is not None:
-            self._units = {source.signal: source.unit for source in mapping.channels.values()}
+            self._sources = {source.signal: source for source in mapping.channels.values()}
         self._conditions = [
-            _condition(key, self.conditions.get(key, key), self._units) for key in CONDITION_KEYS
+            _condition(key, self.conditions.get(key, key), self._sources) for key in CONDITION_KEYS
         ]
         self._condition_names = frozenset(read.name for read in self._conditions)
         self._read = {*([self._time.name] if self._time else TIMES), *self._names}
@@ -186,7 +190,8 @@ class ChannelReader:
     def condition_of(self, key: ConditionKey) -> tuple[str, str]:
         """Name of a channel of the flight condition in a batch, and its unit there."""
         name = self.conditions.get(key, key)
-        return name, self._units.get(name) or CONDITIONS[key].unit
+        source = self._sources.get(name)
+        return name, (source and source.unit) or CONDITIONS[key].unit
 
     def unread(self, batch: Batch) -> list[str]:
         """Names in a batch that are not read, in its order."""
@@ -306,21 +311,29 @@ def _direct(key: str, source: ChannelSource, dictionary: Dictionary) -> _Direct:
         mapped = target_of(key, source.unit).unit
     except TelemetryError as error:
         raise TelemetryError(f"unit of {what}: {error}") from None
-    scale, shift = _factor(source.unit, mapped, what)
+    scale, shift = _scaled(source, mapped, what)
     scale, shift = source.sign * scale, source.sign * shift - source.bias
     channel = dictionary.by_key.get(key)
     if channel is not None and channel.unit != mapped:
         factor, zero = _factor(mapped, channel.unit, what)
         scale, shift = factor * scale, factor * shift + zero
-    return _Direct(source.signal, scale, shift)
+    return _Direct(source.signal, scale, shift, source.bits)
 
 
-def _condition(key: ConditionKey, name: str, units: abc.Mapping[str, str]) -> _Direct:
-    """A channel of the flight condition. units: of the names that channels are read from."""
-    unit, own = units.get(name, ""), CONDITIONS[key].unit
-    if not unit or not own:
+def _scaled(source: ChannelSource, target: str, what: str) -> tuple[float, float]:
+    """Scale and shift from the numbers of a source to a unit."""
+    if problem := source.scaling.problem():
+        raise TelemetryError(f"{what} {problem}")
+    scale, shift = _factor(source.unit, target, what)
+    return scale * source.scale, scale * source.offset + shift
+
+
+def _condition(key: ConditionKey, name: str, sources: abc.Mapping[str, ChannelSource]) -> _Direct:
+    """A channel of the flight condition. sources: by the names that channels are read from."""
+    source, own = sources.get(name), CONDITIONS[key].unit
+    if source is None or not source.unit or not own:
         return _Direct(name)
-    return _Direct(name, *_factor(unit, own, f"{key} ({name})"))
+    return _Direct(name, *_scaled(source, own, f"{key} ({name})"), source.bits)
 
 
 def _check_units(key: str, source: ChannelSource, dictionary: Dictionary) -> None:

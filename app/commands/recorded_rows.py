@@ -137,7 +137,7 @@ def raw_rows(
             raise TelemetryError(
                 f"the signals of {file} have different sample times: leave out --as-is"
             )
-        values = np.column_stack([np.array(columns.values(name)) for name in sent])
+        values = np.column_stack([np.array(columns.raw(name)) for name in sent])
         unit = [time.unit for time in used.times.values() if time.signal == names[0]]
         t = convert(values[:, 0], unit[0] if unit else "s", "s")
     timed = np.isfinite(t)

@@ -7,6 +7,7 @@ from typing import Any
 
 from app.assessment.outcome import OUTCOMES, OutcomeLevel, wording_of
 from app.telemetry.mapping.derivations import DERIVATIONS
+from app.telemetry.mapping.mapping import ChannelSource
 from app.telemetry.targets import as_mapped, in_order, target_of
 from core.channels import Channel, Dictionary
 from core.limits.limits import (
@@ -213,6 +214,7 @@ def mapping_rows(
             {
                 "target": needed.get(key) or target_of(key, source["unit"]),
                 "source": source,
+                "scaled": str(ChannelSource(**source).scaling) if source else "",
                 "derived": DERIVATIONS[way].title if way in DERIVATIONS else way,
                 "confidence": rationale.get("confidence") if source else None,
                 "reasons": list(rationale.get("reasons", ())),

@@ -50,12 +50,17 @@ class SignalGroup(BaseModel):
 
 
 class SignalSummary(BaseModel):
-    """A recorded quantity under its name and in its unit in the file."""
+    """A recorded quantity under its name and in its unit in the file.
+
+    The summary is in this unit; raw counts are scaled as the file declares.
+    """
 
     name: str
     unit: str
     group: int = Field(description="index in `groups`")
     description: str
+    scale: float = Field(description="of raw counts, as the file declares; 1 if it does not")
+    offset: float = Field(description="of raw counts: the value at zero")
     n: int
     missing: int
     min: float | None

@@ -6,7 +6,7 @@ of rows is in memory at a time, and columns are memory-mapped later, not loaded.
 
 import json
 import mmap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from app.telemetry.recording import TelemetryError
+from app.telemetry.scaling import AS_RECORDED, Scaling
 from core.types import Array
 
 CONTENTS = "contents.json"
@@ -33,12 +34,15 @@ class Signal:
     """One recorded quantity.
 
     name, unit: as in the file; unit is "" if missing.   group: number of its group.
+    scale, offset: of raw counts, as the file declares: value in `unit` = scale * raw + offset.
     """
 
     name: str
     unit: str
     group: int
     description: str = ""
+    scale: float = 1.0
+    offset: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -159,12 +163,20 @@ class ColumnWriter:
         return len(self._groups) - 1
 
     def add_signal(
-        self, group: int, name: str, unit: str = "", description: str = "", *, time: bool = False
+        self,
+        group: int,
+        name: str,
+        unit: str = "",
+        description: str = "",
+        *,
+        time: bool = False,
+        scaling: Scaling = AS_RECORDED,
     ) -> int:
         """Start a signal; return its number.
 
         A number is appended to a repeated name; an empty name becomes signal_<number>.
         time: whether the format declares it as the time of its group.
+        scaling: of raw counts, as the format declares it.
         """
         if len(self._signals) == MOST_SIGNALS:
             raise TelemetryError(
@@ -173,7 +185,8 @@ class ColumnWriter:
         number = len(self._signals)
         unique = self._unique(printable(name, LONGEST_NAME) or f"signal_{number + 1}")
         unit, description = printable(unit, LONGEST_NAME), printable(description, LONGEST_TEXT)
-        self._signals.append(Signal(unique, unit, group, description))
+        scale, offset = scaling.scale, scaling.offset
+        self._signals.append(Signal(unique, unit, group, description, scale, offset))
         self._rows.append(0)
         if time:
             self._groups[group] = replace(self._groups[group], time=unique)
@@ -243,14 +256,31 @@ class Columns:
     """The contents of a file with its numbers, memory-mapped on use.
 
     check: called with the file of a signal before reading; raises if the file is damaged.
+    scalings: by signal, in place of those that the file declares.
     """
 
     folder: Path
     contents: Contents
     check: Callable[[Path], None] | None = None
+    scalings: Mapping[str, Scaling] = field(default_factory=dict)
 
     def values(self, name: str) -> Array:
         """Values (n,) of a signal, in the unit of the file, read-only. KeyError."""
+        raw = self.raw(name)
+        values = self.scaling(name)(raw)
+        if values is not raw:
+            release(raw)
+        return values
+
+    def scaling(self, name: str) -> Scaling:
+        """How raw counts of a signal become values in its unit. KeyError."""
+        if name in self.scalings:
+            return self.scalings[name]
+        signal = self.signal(name)
+        return Scaling(signal.scale, signal.offset)
+
+    def raw(self, name: str) -> Array:
+        """Numbers (n,) of a signal as recorded, read-only. KeyError."""
         if not self.contents.groups[self.signal(name).group].n_rows:
             return np.empty(0)
         path = self.folder / f"{self._numbers[name]}.f8"

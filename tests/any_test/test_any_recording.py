@@ -219,3 +219,4 @@ def test_the_command_line_asks_for_the_channels_of_the_monitor(
 
 
 ASKED = {"signal": "", "unit": "rad", "sign": 1, "bias": 0.0, "derivation": ""}
+ASKED |= {"scale": 1.0, "offset": 0.0, "bits": ""}

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from scipy.linalg import expm
 
 from app.telemetry.contents import Columns, ColumnWriter, open_columns
+from app.telemetry.scaling import AS_RECORDED, Scaling
 from core.channels import KEYS
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.published import MODELS, ModelName
@@ -23,8 +24,12 @@ def columns_of(
     *,
     units: Mapping[str, str] | None = None,
     times: Mapping[str, str] | None = None,
+    scalings: Mapping[str, Scaling] | None = None,
 ) -> Columns:
-    """Columns of a table; "group/name" puts a signal into a group. times: declared, by group."""
+    """Columns of a table; "group/name" puts a signal into a group.
+
+    times: declared, by group.   scalings: declared, by signal.
+    """
     folder.mkdir(exist_ok=True)
     writer = ColumnWriter(folder, 2**30)
     groups: dict[str, int] = {}
@@ -33,7 +38,9 @@ def columns_of(
         if group not in groups:
             groups[group] = writer.add_group(group)
         declared = (times or {}).get(group) == name
-        signal = writer.add_signal(groups[group], name, (units or {}).get(name, ""), time=declared)
+        scaling = (scalings or {}).get(name, AS_RECORDED)
+        unit = (units or {}).get(name, "")
+        signal = writer.add_signal(groups[group], name, unit, time=declared, scaling=scaling)
         writer.append(signal, values)
     writer.finish("csv")
     return open_columns(folder)

@@ -195,7 +195,8 @@ def _source(source: ChannelSource, target: Channel) -> str:
         return f"derived: {source.derivation}"
     sign = "-" if source.sign < 0 else ""
     bias = f", bias removed: {target.read(source.bias)}" if source.bias else ""
-    return f"{sign}{source.signal} [{source.unit or 'unit not given'}]{bias}"
+    scaled = f" = {source.scaling}" if str(source.scaling) else ""
+    return f"{sign}{source.signal}{scaled} [{source.unit or 'unit not given'}]{bias}"
 
 
 MOST_SIGNALS = 400

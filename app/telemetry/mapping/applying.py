@@ -123,18 +123,20 @@ def _read(columns: Columns, mapping: Mapping, key: str, times: dict[str, Array])
     group = columns.contents.groups[signal.group].name
     if group not in times:
         times[group] = _time(columns, mapping, signal, group)
-    values = np.asarray(columns.values(signal.name))
-    if len(values) != len(times[group]):
+    raw = np.asarray(columns.raw(signal.name))
+    if len(raw) != len(times[group]):
         raise TelemetryError(
-            f"{key} comes from {signal.name!r} with {len(values)} values, but its time has "
+            f"{key} comes from {signal.name!r} with {len(raw)} values, but its time has "
             f"{len(times[group])}: choose a time from the same group"
         )
+    if problem := source.scaling.problem():
+        raise TelemetryError(f"{key} ({signal.name}) {problem}")
     try:
         unit = target_of(key, source.unit).unit
-        values = _finite(convert(values, source.unit, unit))
+        values = _finite(convert(source.scaling(raw), source.unit, unit))
     except TelemetryError as error:
         raise TelemetryError(f"unit of {key} ({signal.name}): {error}") from None
-    release(values)
+    release(raw)
     values = _signed(values, source)
     return Trace(times[group], values, group, signal.name, bias=source.bias, unit=unit)
 
@@ -197,6 +199,7 @@ def _signed(values: Array, source: ChannelSource) -> Array:
 
 def _notes(mapping: Mapping, channels: dict[str, Trace]) -> list[str]:
     sources = {key: mapping.channels[key] for key in channels}
+    scaled = [f"{key} = {source.scaling}" for key, source in sources.items() if str(source.scaling)]
     converted = [
         f"{key} from {spelled(source.unit)}"
         for key, source in sources.items()
@@ -220,6 +223,7 @@ def _notes(mapping: Mapping, channels: dict[str, Trace]) -> list[str]:
         if source.rate and group in used
     ]
     changes = (
+        ("Scaled", scaled),
         ("Converted", converted),
         ("Sign reversed", reversed_),
         ("Bias removed", shifted),

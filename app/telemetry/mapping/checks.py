@@ -17,7 +17,7 @@ from app.telemetry.mapping.magnitudes import extent_of, is_seldom
 from app.telemetry.mapping.mapping import ChannelSource, Mapping
 from app.telemetry.mapping.motion import ANGLE_OF, Motion, motion
 from app.telemetry.mapping.names import name_matches
-from app.telemetry.mapping.proposal_builder import ProposalBuilder
+from app.telemetry.mapping.proposal_builder import ProposalBuilder, other_scaling
 from app.telemetry.mapping.signs import (
     SignEvidence,
     find_signs,
@@ -176,14 +176,18 @@ def _normalised(columns: Columns, mapping: Mapping) -> dict[str, str]:
         and source.signal in signals
         and fits(source.unit, "rad")
     }
-    extents = {key: extent_of(columns.values(source.signal)) for key, source in sources.items()}
-    large = {key for key in sources if is_seldom(key, extents[key], sources[key].unit)}
+    extents = {
+        key: extent_of(source.scaling(columns.raw(source.signal)))
+        for key, source in sources.items()
+        if not source.scaling.problem()
+    }
+    large = {key for key in extents if is_seldom(key, extents[key], sources[key].unit)}
     texts = {
         key: f"values up to {extents[key].peak:.3g} {sources[key].unit} are rare for "
         f"{TARGETS[key].label}: check the unit; it may be a normalised command"
         for key in large
     }
-    for key in sources.keys() - large:
+    for key in extents.keys() - large:
         mates = [
             other
             for other in large
@@ -211,6 +215,7 @@ def find_warnings(columns: Columns, mapping: Mapping, applied: Traces | None) ->
         source = mapping.channels[key]
         if source.signal:
             warnings[key] += [*_used_twice(mapping, key), *_other_unit(columns, key, source)]
+            warnings[key] += _other_scaling(columns, source)
     for key, text in (*_normalised(columns, mapping).items(), *_other_flights(columns, mapping)):
         warnings[key].append(text)
     if applied is not None:
@@ -278,6 +283,15 @@ def _other_unit(columns: Columns, key: str, source: ChannelSource) -> list[str]:
     if np.isclose(factor(unit, target.unit), factor(chosen, target.unit), rtol=1e-6):
         return []
     return [f"{given}, not in {chosen}"]
+
+
+def _other_scaling(columns: Columns, source: ChannelSource) -> list[str]:
+    """Warn if the chosen scale differs from that of the file."""
+    try:
+        other = other_scaling(columns, source)
+    except KeyError:
+        return []
+    return [other] if other else []
 
 
 def _off_centre(key: str, source: ChannelSource, trace: Trace) -> list[str]:

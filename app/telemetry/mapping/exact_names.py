@@ -8,9 +8,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 from app.telemetry.contents import Signal
-from app.telemetry.mapping.mapping import ChannelSource
+from app.telemetry.mapping.mapping import ChannelSource, source_of
 from app.telemetry.mapping.names import given_unit
-from app.telemetry.mapping.proposal_builder import ProposalBuilder, Rationale
+from app.telemetry.mapping.proposal_builder import ProposalBuilder, Rationale, as_scaled
 from app.telemetry.mapping.spelling import place, unit_suffixes
 from app.telemetry.recording import TelemetryError
 from app.telemetry.targets import may_be_one_quantity, target_of
@@ -142,7 +142,7 @@ def _source(builder: ProposalBuilder, match: NamedSignal) -> ChannelSource | str
         factor(unit, target_of(channel.key, unit).unit)
     except TelemetryError as error:
         return f"{named}, but {error}"
-    return ChannelSource(signal.name, unit)
+    return source_of(builder.columns, signal.name, unit)
 
 
 def _is_free(builder: ProposalBuilder, key: str, source: ChannelSource) -> bool:
@@ -164,4 +164,5 @@ def _enter(builder: ProposalBuilder, match: NamedSignal, source: ChannelSource) 
     elif source.unit != PLAIN:
         confidence *= WITHOUT_UNIT
         reasons.append(f"no unit is given: taken as {source.unit}, check it")
+    reasons += as_scaled(source)
     builder.assign(channel.key, source, round(confidence, 4), *reasons)

@@ -1,4 +1,4 @@
-"""A mapping: the signal, unit, sign and bias of each channel, or its derivation."""
+"""A mapping: the signal, scale, unit, sign and bias of each channel, or its derivation."""
 
 import re
 from collections.abc import Collection, Iterable
@@ -6,18 +6,11 @@ from dataclasses import asdict, dataclass, field
 from math import isfinite
 from typing import Annotated, Any, Literal
 
-from pydantic import (
-    AliasChoices,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    Strict,
-    TypeAdapter,
-    ValidationError,
-)
+from pydantic import BeforeValidator, ConfigDict, Strict, TypeAdapter, ValidationError
 
-from app.telemetry.contents import Contents
+from app.telemetry.contents import Columns, Contents
 from app.telemetry.recording import TelemetryError
+from app.telemetry.scaling import AS_RECORDED, Scaling
 from app.telemetry.targets import in_order
 from core.channels import LATERAL, Channel
 
@@ -30,7 +23,7 @@ LEAST_RATE_HZ, MOST_RATE_HZ = 0.1, 5e4
 class ChannelSource:
     """Source of a channel: a signal of the file, or a derivation from other channels.
 
-    value = sign * (signal in the target's unit, or derived value) - bias.
+    value = sign * (scale * signal + offset in the target's unit, or derived value) - bias.
     """
 
     __pydantic_config__ = OF_REQUEST
@@ -39,16 +32,59 @@ class ChannelSource:
     unit: str = ""
     """of the signal's values, in any common spelling: deg/s, kt ..."""
     sign: Literal[1, -1] = 1
-    bias: Annotated[float, Strict(), Field(validation_alias=AliasChoices("bias", "offset"))] = 0.0
-    """in the target's unit; files of version 0.1.0 call it offset"""
+    bias: Annotated[float, Strict()] = 0.0
+    """in the target's unit"""
     derivation: str = ""
     """key of a derivation in the catalog; signal and unit are then empty"""
+    scale: Annotated[float, Strict()] = 1.0
+    """of raw counts, [`unit`] per count"""
+    offset: Annotated[float, Strict()] = 0.0
+    """of raw counts: the value at a count of zero, in `unit`"""
+    bits: str = ""
+    """of the raw word, such as `5-16 signed`; bit 1 is the least significant"""
+
+    @property
+    def scaling(self) -> Scaling:
+        """From the signal's raw numbers to values in `unit`."""
+        return Scaling(self.scale, self.offset, self.bits)
 
     def problem(self) -> str:
         """The fault in words, "" if valid."""
         if bool(self.signal) == bool(self.derivation):
             return "needs either a signal or a derivation: give one of them, or omit the entry"
+        if self.derivation and self.scaling != AS_RECORDED:
+            return "is derived, and has a scale, offset or bits: only a signal has raw counts"
+        if problem := self.scaling.problem():
+            return problem
         return "" if isfinite(self.bias) else "has a bias that is not finite: give a number"
+
+    def to_plain(self) -> dict[str, Any]:
+        """Without a scale, offset and bits that change nothing, as earlier versions wrote it."""
+        plain = asdict(self)
+        return {k: x for k, x in plain.items() if k not in OF_COUNTS or x != OF_COUNTS[k]}
+
+
+OF_COUNTS = asdict(AS_RECORDED)
+
+
+def source_of(columns: Columns, signal: str, unit: str) -> ChannelSource:
+    """A signal as a source, scaled as the file declares."""
+    return ChannelSource(signal, unit, **asdict(columns.scaling(signal)))
+
+
+def _source_read(given: Any) -> Any:
+    """Read an entry of version 0.1.0, which called its bias offset."""
+    if not isinstance(given, dict) or "offset" not in given or {"bias", "scale"} & {*given}:
+        return given
+    if given.keys() != ENTRY_0_1_0:
+        raise TelemetryError(
+            "an offset without a scale can be meant in two ways: give `scale` (1.0 for none) beside"
+            " `offset`, or `bias`, which is subtracted in the unit of the channel"
+        )
+    return {"bias" if name == "offset" else name: value for name, value in given.items()}
+
+
+ENTRY_0_1_0 = {"signal", "unit", "sign", "offset", "derivation"}
 
 
 @dataclass(frozen=True)
@@ -86,7 +122,9 @@ class Mapping:
 
     __pydantic_config__ = OF_REQUEST
 
-    channels: dict[str, ChannelSource] = field(default_factory=dict)
+    channels: dict[str, Annotated[ChannelSource, BeforeValidator(_source_read)]] = field(
+        default_factory=dict
+    )
     """by key of a target in the catalog, or of a channel of your own dictionaries"""
     times: dict[str, Annotated[TimeSource, BeforeValidator(_rate_read)]] = field(
         default_factory=dict
@@ -94,7 +132,8 @@ class Mapping:
     """by name of a group, a rate also as `50 Hz from 12:31:05`; other groups are not used"""
 
     def to_plain(self) -> dict[str, Any]:
-        return asdict(self)
+        channels = {key: source.to_plain() for key, source in self.channels.items()}
+        return asdict(self) | {"channels": channels}
 
     @classmethod
     def from_plain(cls, plain: Any) -> "Mapping":

@@ -24,9 +24,21 @@ from app.telemetry.mapping.group_times import (
     repeated_time,
 )
 from app.telemetry.mapping.inferred_units import decide_units
-from app.telemetry.mapping.mapping import EXAMPLE, ChannelSource, Mapping, TimeSource, rate_words
+from app.telemetry.mapping.mapping import (
+    EXAMPLE,
+    ChannelSource,
+    Mapping,
+    TimeSource,
+    rate_words,
+    source_of,
+)
 from app.telemetry.mapping.names import signal_matches
-from app.telemetry.mapping.proposal_builder import ProposalBuilder, Rationale, recall
+from app.telemetry.mapping.proposal_builder import (
+    ProposalBuilder,
+    Rationale,
+    as_scaled,
+    recall,
+)
 from app.telemetry.mapping.recorded_motion import choose_rates
 from app.telemetry.mapping.signs import CONVENTION
 from app.telemetry.recording import ATTITUDE, TelemetryError
@@ -169,7 +181,9 @@ def _agrees(candidate: Candidate, own: Iterable[ChannelSource]) -> bool:
     """Whether own channels of its signal are the same quantity: in the same unit."""
     name = candidate.signal.name
     return all(
-        source == ChannelSource(name, candidate.unit) for source in own if source.signal == name
+        (source.signal, source.unit) == (name, candidate.unit)
+        for source in own
+        if source.signal == name
     )
 
 
@@ -241,8 +255,9 @@ def _unused(columns: Columns, number: int) -> str:
 def _enter(builder: ProposalBuilder, candidate: Candidate, ranked: list[Candidate]) -> None:
     """Assign a candidate, with less confidence if other signals fit as well."""
     key, name = candidate.key, candidate.signal.name
-    source = ChannelSource(name, candidate.unit)
-    builder.assign(key, source, round(candidate.certainty, 4), *candidate.reasons)
+    source = source_of(builder.columns, name, candidate.unit)
+    reasons = (*candidate.reasons, *as_scaled(source))
+    builder.assign(key, source, round(candidate.certainty, 4), *reasons)
     builder.most_confident[key] = round(candidate.unit_share, 4)
     chosen = next(other for other in ranked if other.signal.name == name)
     rivals = [

@@ -10,6 +10,7 @@ from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.mapping.magnitudes import Extent, extent_of
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
 from app.telemetry.recording import TelemetryError
+from app.telemetry.scaling import AS_RECORDED
 from app.telemetry.targets import label_of, target_of
 from app.telemetry.units import fits, spelled
 
@@ -73,6 +74,11 @@ class ProposalBuilder:
         self.rationales[key] = Rationale(confidence, (*before.reasons, reason))
 
 
+def as_scaled(source: ChannelSource) -> list[str]:
+    """The reason for a scale and an offset, if there are any."""
+    return [f"scaled as the file declares: {source.scaling}"] if str(source.scaling) else []
+
+
 CONFIDENCE = 0.98
 
 
@@ -93,7 +99,22 @@ def recall(builder: ProposalBuilder, remembered: Mapping, aircraft: str) -> None
         if unit and fits(unit, kept) and unit != spelled(source.unit):
             reason = f"the file now gives {unit} where {source.unit} was confirmed: check the unit"
             builder.comment(key, reason, 0.5)
+        if other := other_scaling(builder.columns, source):
+            builder.comment(key, f"{other}: check the scale", 0.5)
     _derived(builder, remembered, origin)
+    confirmed = (builder.channels[key] for key in builder.confirmed)
+    scalings = {source.signal: source.scaling for source in confirmed if source.signal}
+    builder.columns = replace(builder.columns, scalings=scalings)
+    builder._extents.clear()
+
+
+def other_scaling(columns: Columns, source: ChannelSource) -> str:
+    """How the file declares the scale of a signal, "" if it declares none or the same."""
+    declared = columns.scaling(source.signal)
+    if source.bits or declared in (AS_RECORDED, source.scaling):
+        return ""
+    as_mapped = str(source.scaling) or "raw"
+    return f"the file declares {declared} for {source.signal}, and the mapping has {as_mapped}"
 
 
 def _times(builder: ProposalBuilder, remembered: Mapping, origin: str) -> None:

@@ -16,7 +16,7 @@ from app.telemetry.contents import Columns, Signal
 from app.telemetry.mapping.applying import apply_mapping
 from app.telemetry.mapping.candidates import PROPOSED, Candidate, Candidates
 from app.telemetry.mapping.magnitudes import extent_of
-from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
+from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource, source_of
 from app.telemetry.mapping.motion import ANGLE_OF, LARGEST, Motion, motion, sideslip_balance
 from app.telemetry.mapping.names import is_derived
 from app.telemetry.mapping.signs import CLEAR, FOLLOWS, is_wrong_scale
@@ -49,7 +49,7 @@ def motion_as_recorded(
     of_quaternion = angles_of_quaternion(names)
     derived = {key: ChannelSource(derivation=f"{key}_from_quaternion") for key in of_quaternion}
     mapping = Mapping(
-        {key: ChannelSource(name, TARGETS[key].unit) for key, name in names.items()} | derived,
+        {key: source_of(columns, name, TARGETS[key].unit) for key, name in names.items()} | derived,
         dict(times),
     )
     try:

@@ -1,5 +1,6 @@
 """Batches of one sample and of many: the same samples, bit for bit, or the same refusal."""
 
+import json
 from dataclasses import replace
 from typing import Any
 
@@ -7,10 +8,12 @@ import numpy as np
 import pytest
 
 from app.assessment.batches import ChannelReader, Names, decode_batch
+from app.telemetry.mapping.applying import apply_mapping
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
 from app.telemetry.recording import TelemetryError
 from core.channels import KEYS, LATERAL, channel
 from core.conditions import CONDITION_KEYS
+from tests.support.tables import columns_of
 
 MAPPED = Mapping(
     {"beta": ChannelSource("aos", "deg", -1, 0.1), "p": ChannelSource("p", "rad/s")},
@@ -26,7 +29,38 @@ def test_no_flight_begins_with_a_time_that_is_no_second(t: float) -> None:
         ChannelReader(None).check(batch, ("beta",))
 
 
-@pytest.mark.parametrize("mapping", [None, MAPPED], ids=["own names", "mapped"])
+COUNTED = Mapping(
+    {
+        "beta": ChannelSource("aos", "deg", -1, 0.1, scale=0.5, offset=-3.0, bits="2-6 signed"),
+        "p": ChannelSource("p", "rad/s", scale=1e-3),
+    },
+    {"": TimeSource("t")},
+)
+
+
+def test_raw_counts_are_those_of_a_recording(tmp_path) -> None:
+    counts = np.arange(50.0)
+    columns = columns_of(tmp_path, {"t": counts, "aos": counts, "p": counts})
+    recorded = apply_mapping(columns, COUNTED).channels
+    rows = {"t": counts.tolist(), "aos": counts.tolist(), "p": counts.tolist()}
+    samples = ChannelReader(COUNTED).samples(decode_batch(json.dumps(rows)))
+    for key in ("beta", "p"):
+        y = [sample.y[KEYS.index(key)] for sample in samples]
+        np.testing.assert_allclose(y, recorded[key].values, rtol=0, atol=1e-15)
+
+
+def test_a_condition_is_scaled_as_the_channel_of_its_name() -> None:
+    height = channel("altitude", "h", "ft", "altitude")
+    source = ChannelSource("alt", "ft", scale=4.0, offset=100.0, bits="1-16")
+    mapping = Mapping(MAPPED.channels | {"altitude": source}, MAPPED.times)
+    reader = ChannelReader(mapping, {"altitude": "alt"}, LATERAL.plus(height))
+    (sample,) = reader.samples(decode_batch('{"t": 0.0, "beta": 0.1, "alt": 2475}'))
+    assert sample.condition is not None
+    assert sample.condition[CONDITION_KEYS.index("altitude")] == pytest.approx(3048.0)
+    assert sample.y[-1] == pytest.approx(10000.0)
+
+
+@pytest.mark.parametrize("mapping", [None, MAPPED, COUNTED], ids=["own names", "mapped", "counts"])
 def test_samples_sent_alone_are_those_sent_together(mapping: Mapping | None) -> None:
     reader, generator = ChannelReader(mapping), np.random.default_rng(0)
     names = ("aos", "p", "mach") if mapping else (*KEYS, "phi", "theta", "mach")

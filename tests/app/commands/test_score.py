@@ -6,11 +6,14 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from app.cli import main
-from core.monitor import load
-from tests.support.attas import record_file
+from core.monitor import Monitor, load
+from tests.support.attas import TEST, fly, record_file
+from tests.support.recorded import HEAD as HEAD_OF_FLIGHT
+from tests.support.recorded import csv_of
 
 pytestmark = pytest.mark.usefixtures("read_here")
 HEAD = "t_s,beta_rad,p_radps,r_radps,ay_g,da_rad,dr_rad"
@@ -125,6 +128,29 @@ def test_a_written_mapping_can_be_corrected_and_used(attas_monitor: Path, tmp_pa
     assert "-dr_rad [rad]" in report
     assert "moved the other way first, or its sign is reversed" in report
     assert json.loads((tmp_path / "reversed" / "mapping.json").read_text()) == mapping
+
+
+def test_raw_counts_are_scored_by_the_scale_in_the_mapping(attas: Monitor, tmp_path, capsys):
+    y, names = np.concatenate(fly(2, 5).y), [f"word {k}" for k in range(1, 7)]
+    (tmp_path / "plain.csv").write_bytes(csv_of(y, TEST.dt))
+    (tmp_path / "counts.csv").write_bytes(csv_of(y * 2**14, TEST.dt, ",".join(["t_s", *names])))
+    attas.save(tmp_path / "attas.fwm")
+    base = ["score", str(tmp_path / "attas.fwm")]
+    assert main([*base, str(tmp_path / "plain.csv"), "-o", str(tmp_path / "out")]) == 0
+    mapping = json.loads((tmp_path / "out" / "mapping.json").read_text())
+    of_name = dict(zip(HEAD_OF_FLIGHT.split(",")[1:], names, strict=True))
+    for source in mapping["channels"].values():
+        source |= {"signal": of_name[source["signal"]], "scale": 2**-14}
+    given = ["--mapping", str(tmp_path / "mine.json"), "-o", str(tmp_path / "counted")]
+    (tmp_path / "mine.json").write_text(json.dumps(mapping))
+    capsys.readouterr()
+    assert main([*base, str(tmp_path / "counts.csv"), *given]) == 0
+    assert "word 1 = 6.103515625e-05 * raw [rad]" in capsys.readouterr().out
+    assert read_table(tmp_path / "counted") == read_table(tmp_path / "out")
+    mapping["channels"]["beta"]["scale"] = 0.0
+    (tmp_path / "mine.json").write_text(json.dumps(mapping))
+    assert main([*base, str(tmp_path / "counts.csv"), *given]) == 1
+    assert "the mapping of 'beta' has a scale of 0" in capsys.readouterr().err
 
 
 def test_an_aircrafts_mapping_is_used_for_its_next_file(

@@ -127,6 +127,33 @@ def test_the_report_has_the_source_of_the_mapping_and_the_notes(scored: Scored):
     assert "another mapping is in use now" in html()
 
 
+def test_raw_counts_give_the_same_scoring_and_the_report_has_their_scale(scored: Scored):
+    y = np.concatenate(fly(2, 5).y)
+    head = ",".join(["t_s", *(f"word {k}" for k in range(6))])
+    counted = uploaded(scored.client, csv_of(y * 2**12, TEST.dt, head), name="counts.csv")
+    channels = {
+        key: {"signal": f"word {k}", "unit": channel.unit, "scale": 2**-12, "offset": 0.0}
+        for k, (key, channel) in enumerate(zip(KEYS, CHANNELS, strict=True))
+    }
+    mapping = {"channels": channels, "times": {"": {"signal": "t_s", "unit": "s"}}}
+    path = f"{RECORDINGS}/{counted['id']}"
+    put = scored.client.put(f"{path}/mapping", json={"mapping": mapping})
+    assert put.json()["mapping"]["channels"]["p"]["scale"] == 2**-12
+    answer = scored.client.post(f"{path}/scorings", json={"monitor": scored.monitor})
+    assert answer.json()["mapping"]["channels"]["p"]["scale"] == 2**-12
+    assert any("Scaled: beta = 0.0002441" in note for note in answer.json()["notes"])
+    scoring = f"{path}/scorings/{answer.json()['id']}"
+    frames = scored.client.get(f"{scoring}/assessments").json()["frames"]
+    assert [frame["p_value"] for frame in frames] == [frame["p_value"] for frame in scored.frames]
+    html = scored.client.get(f"{scoring}/report").text
+    assert "word 1 = 0.000244140625 * raw" in html
+    channels["p"]["scale"] = 0.0
+    refused = scored.client.put(f"{path}/mapping", json={"mapping": mapping})
+    assert problem(refused, 422) == (
+        "the mapping of 'p' has a scale of 0: give a finite number other than zero"
+    )
+
+
 def test_csv_is_the_samples_with_units_in_their_names(scored: Scored):
     table = pd.read_csv(scored.export("csv"))
     frames = scored.frames

@@ -80,7 +80,7 @@ def test_a_file_is_uploaded_mapped_and_scored(page: Page, site: RecordedSite, fi
     expect(page.get_by_label("signal of sideslip β")).to_have_value("signal:AOSS_deg")
     expect(page.get_by_label("unit of sideslip β")).to_have_value("deg")
     expect(row(page, "beta").locator(".confidence-word")).to_have_text(re.compile("high|medium"))
-    row(page, "beta").locator("summary").click()
+    row(page, "beta").locator(".confidence > summary").click()
     expect(row(page, "beta").locator(".reasons li").first).to_be_visible()
     page.get_by_role("button", name="Confirm the mapping").click()
     expect(mapping.locator("summary .chip").first).to_have_text("confirmed")
@@ -127,6 +127,31 @@ def test_a_correction_is_shown_in_the_data_at_once(page: Page, site: RecordedSit
     expect(words).to_have_text(re.compile(r"^−1\.0\d* to −0\.9\d* rad$"))
     expect(page.get_by_label("bias removed from sideslip β in rad")).to_have_value("1.00007")
     expect(row(page, "beta").locator(".map-verdict")).to_have_text("set by you")
+
+
+def test_raw_counts_are_scaled_and_stay_so(
+    page: Page, site: RecordedSite, allowed_errors: list[str]
+) -> None:
+    allowed_errors.append("422")
+    made = site.upload()
+    page.goto(f"{site.http}/#/recordings/{made}")
+    counts = row(page, "beta").locator(".map-counts")
+    words = row(page, "beta").locator(".mini-words")
+    expect(words).to_have_text(re.compile(r"^−3\.\d+ to 4\.\d+ deg$"))
+    counts.locator("summary").click()
+    page.get_by_label("scale of sideslip β").fill("0.5")
+    page.get_by_label("offset of sideslip β").fill("-20")
+    expect(words).to_have_text(re.compile(r"^−21\.\d+ to −17\.\d+ deg$"))
+    expect(counts.locator("summary")).to_have_text("0.5 × raw − 20")
+    page.get_by_label("scale of sideslip β").fill("0")
+    expect(page.locator(".mapping > .error")).to_contain_text("has a scale of 0")
+    page.get_by_label("scale of sideslip β").fill("0.5")
+    expect(page.locator(".mapping > .error")).to_be_hidden()
+    page.get_by_role("button", name="Confirm the mapping").click()
+    expect(page.locator(".mapping summary .chip").first).to_contain_text("confirmed")
+    page.reload()
+    page.locator(".mapping > summary").click()
+    expect(counts.locator("summary")).to_have_text("0.5 × raw − 20")
 
 
 def test_a_mapping_confirmed_over_a_warning_stays_marked(page: Page, site: RecordedSite) -> None:

@@ -1,10 +1,10 @@
-/** One channel of a mapping: signal, unit, sign and removed bias.   state: of the whole mapping */
+/** One channel of a mapping: signal, scale, unit, sign and removed bias.   state: of the whole mapping */
 
 import { createMiniPlot } from "../../charts/mini_plot.js";
-import { button, chip, formatted, h, put } from "../../lib/dom.js";
+import { button, chip, formatted, guideLink, h, put } from "../../lib/dom.js";
 import { followUnits, rounded, shownIn } from "../../lib/numbers.js";
 import { cell, channelCell, confidence, setByYou } from "./cells.js";
-import { PLAIN } from "./changes.js";
+import { PLAIN, scaledWords } from "./changes.js";
 import { createSignalSelect } from "./signal_select.js";
 
 const hint = (words) => h("span.hint", words);
@@ -30,13 +30,22 @@ export function createMappingRow(row) {
   const sign = button("", () => edit({ sign: -now.sign }), { class: "button button-small sign" });
   const bias = h("input", { type: "number", step: "any", oninput: editBias });
   const inUnit = h("span.unit");
+  const scaled = h("summary");
+  const fields = ["scale", "offset", "bits"].map(countsInput);
+  const counts = h(
+    "details.map-counts",
+    { "data-keeps-input": true },
+    scaled,
+    fields.map(({ part, input }) => h("label", h("span", part), input)),
+    guideLink("first-recording#raw-counts", "raw counts"),
+  );
   const verdict = h("div.map-verdict");
   const warningList = h("ul.map-warnings", { role: "status" });
   const element = h(
     "li.map-row",
     { "data-key": key },
     channelCell(formatted(symbol), label, inUnit),
-    cell("signal", "signal", signal),
+    cell("signal", "signal", signal, counts),
     cell("unit", "unit", units),
     cell("sign", "sign", sign),
     cell("bias", "bias removed", bias),
@@ -56,8 +65,8 @@ export function createMappingRow(row) {
     if (value === "") now = null;
     else if (kind === "derive:") now = { ...PLAIN, derivation: named };
     else {
-      const { unit: recorded } = contents.signals.find((known) => known.name === named) ?? {};
-      now = { ...PLAIN, signal: named, unit: recorded || now?.unit || target.units[0] };
+      const { unit: recorded, scale = 1, offset = 0 } = contents.signals.find((known) => known.name === named) ?? {};
+      now = { ...PLAIN, signal: named, unit: recorded || now?.unit || target.units[0], scale, offset };
     }
     signal.value = value;
     edit({});
@@ -65,6 +74,19 @@ export function createMappingRow(row) {
 
   function editBias() {
     if (Number.isFinite(bias.valueAsNumber)) edit({ bias: bias.valueAsNumber / shownIn(target).factor });
+  }
+
+  /** An input of the scale, the offset or the bits of raw counts. */
+  function countsInput(part) {
+    const look = { "aria-label": `${part} of ${name}`, placeholder: part === "bits" ? "5-16 signed" : "" };
+    const number = part === "bits" ? { type: "text", spellcheck: false } : { type: "number", step: "any" };
+    const input = h("input", { ...look, ...number, oninput: change });
+    return { part, input };
+
+    function change() {
+      const value = part === "bits" ? input.value.trim() : input.valueAsNumber;
+      if (part === "bits" || Number.isFinite(value)) edit({ [part]: value });
+    }
   }
 
   function edit(change) {
@@ -88,6 +110,9 @@ export function createMappingRow(row) {
     sign.setAttribute("aria-label", `sign of ${name}: ${isReversed ? "reversed" : "as recorded"}. Press to change.`);
     if (isAnew || document.activeElement !== bias)
       bias.value = now === null ? "" : rounded(now.bias * shownIn(target).factor);
+    counts.hidden = !isMeasured;
+    scaled.textContent = scaledWords(now ?? PLAIN) || "numbers as recorded";
+    for (const { part, input } of fields) if (isAnew || document.activeElement !== input) input.value = now?.[part] ?? "";
     element.dataset.source = now === null ? "none" : now.derivation ? "derived" : "measured";
     verdict.replaceChildren(...verdictOf());
   }

@@ -26,6 +26,7 @@ import {
 import { createEventList } from "../../lib/event_list.js";
 import { createDisplayChoice, startFlight, warningMark } from "../../lib/monitors.js";
 import { count, figure, followUnits, formatValue, magnitude, magnitudeIn, moment, shownIn } from "../../lib/numbers.js";
+import { scaledWords } from "../mapping/changes.js";
 import { isWithUnit } from "../mapping/signal_select.js";
 import { createNotesPanel, laneOfMarkers } from "../notes_panel.js";
 import { createTrainingOffer } from "../training_offer.js";
@@ -228,7 +229,8 @@ function sourceText(source, channel) {
   const sign = source.sign === -1 ? "−" : "";
   const bias = source.bias ? `, bias of ${magnitudeIn(channel, source.bias)} removed` : "";
   const unit = isWithUnit(source.signal, source.unit) ? "" : ` in ${source.unit}`;
-  return `${sign}${source.signal}${unit}${bias}`;
+  const scaled = scaledWords(source);
+  return `${sign}${source.signal}${scaled && ` = ${scaled}`}${unit}${bias}`;
 }
 
 const checksOf = (quality) => quality?.compatibility ?? [];

@@ -38,6 +38,72 @@ def test_a_value_is_sign_times_converted_minus_bias(tmp_path_factory, sign, bias
     assert (trace.source, trace.derived, trace.group) == ("b", False, "")
 
 
+@given(
+    st.floats(-1e3, 1e3).filter(bool),
+    st.floats(-1e3, 1e3),
+    st.sampled_from([1, -1]),
+    st.lists(st.integers(-(2**15), 2**15 - 1), min_size=2, max_size=6),
+)
+def test_raw_counts_are_scaled_in_the_unit_of_the_source(
+    tmp_path_factory, scale, offset, sign, counts
+):
+    columns = columns_of(tmp_path_factory.mktemp("a"), {"t": range(len(counts)), "b": counts})
+    source = ChannelSource("b", "deg", sign, 0.25, scale=scale, offset=offset)
+    values = apply_mapping(columns, mapping(beta=source)).channels["beta"].values
+    degrees = np.array(counts) * scale + offset
+    np.testing.assert_array_equal(values, sign * (degrees * (np.pi / 180)) - 0.25)
+
+
+def test_bits_are_read_before_the_scale(tmp_path):
+    counts = np.arange(64.0)
+    columns = columns_of(tmp_path, table(64, b=counts))
+    source = ChannelSource("b", "deg", scale=0.5, offset=1.0, bits="2-4")
+    traces = apply_mapping(columns, mapping(beta=source))
+    np.testing.assert_allclose(
+        np.degrees(traces.channels["beta"].values), (counts // 2 % 8) * 0.5 + 1.0
+    )
+    assert traces.notes[0] == "Scaled: beta = 0.5 * bits 2-4 + 1."
+
+
+def test_a_mapping_without_a_scale_is_written_as_before():
+    plain = mapping(beta=ChannelSource("b", "deg", -1, 0.25)).to_plain()
+    assert [*plain["channels"]["beta"]] == ["signal", "unit", "sign", "bias", "derivation"]
+    scaled = mapping(beta=ChannelSource("b", "deg", scale=0.5, bits="1-4"))
+    assert scaled.to_plain()["channels"]["beta"].items() >= {"scale": 0.5, "bits": "1-4"}.items()
+    assert Mapping.from_plain(json.loads(json.dumps(scaled.to_plain()))) == scaled
+
+
+def test_an_offset_without_a_scale_is_ambiguous():
+    given = {"channels": {"beta": {"signal": "b", "unit": "deg", "offset": 3.0}}}
+    with pytest.raises(TelemetryError, match=r"`scale` \(1.0 for none\) .* or `bias`"):
+        Mapping.from_plain(given)
+    given["channels"]["beta"]["scale"] = 1.0
+    assert Mapping.from_plain(given) == mapping({}, beta=ChannelSource("b", "deg", offset=3.0))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"scale": 0.0}, "scale of 0: give a finite number other than zero"),
+        ({"scale": np.inf}, "scale of inf"),
+        ({"scale": np.nan}, "scale of nan"),
+        ({"scale": "2"}, "valid number"),
+        ({"scale": 2.0, "offset": np.nan}, "offset of nan: give a finite number"),
+        ({"bits": "16-5"}, "least significant first"),
+        ({"signal": "", "derivation": "beta_from_velocity", "scale": 2.0}, "only a signal has"),
+    ],
+)
+def test_a_scaling_that_gives_no_value_is_refused(wrong, message, tmp_path):
+    entry = {"signal": "b", "unit": "rad"} | wrong
+    with pytest.raises(TelemetryError, match=message) as refusal:
+        Mapping.from_plain({"channels": {"beta": entry}})
+    assert "beta" in str(refusal.value)
+    if entry["signal"] and entry.get("scale") != "2":
+        columns = columns_of(tmp_path, table(b=np.ones(50)))
+        with pytest.raises(TelemetryError, match=message):
+            apply_mapping(columns, mapping(beta=ChannelSource(**entry)))
+
+
 def test_a_mapping_file_of_version_0_1_0_is_read():
     now = mapping(beta=ChannelSource("b", "deg", -1, 0.25))
     earlier = now.to_plain()

@@ -1,6 +1,7 @@
 """The whole proposal: mapped signals, confidence and reasons."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from app.telemetry.mapping.applying import applicable, apply_mapping
 from app.telemetry.mapping.checks import find_warnings
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
 from app.telemetry.mapping.proposal import propose
+from app.telemetry.scaling import Scaling
 from app.telemetry.units import factor
 from core.channels import KEYS
 from tests.support.places import RECORDS
@@ -300,6 +302,50 @@ def test_a_unit_that_changed_since_it_was_confirmed_is_suspect(tmp_path):
     rationale = proposal.rationales["beta"]
     assert rationale.confidence <= 0.5
     assert "the file now gives deg where rad was confirmed" in rationale.reasons[1]
+
+
+def counted(tmp_path, scalings=None, units=None):
+    """A table in counts of 2^-12 with an offset of 100 counts."""
+    table = plain_table()
+    return columns_of(
+        tmp_path,
+        {name: x if name == "t_s" else x * 4096 - 100 for name, x in table.items()},
+        scalings=scalings,
+        units=units,
+    )
+
+
+def test_a_scale_that_the_file_declares_is_proposed_and_its_unit_known_by_it(tmp_path):
+    scaling = Scaling(2**-12, 100 * 2**-12)
+    names = [name for name in plain_table() if name != "t_s"]
+    known = propose(columns_of(tmp_path / "plain", plain_table()))
+    columns = counted(tmp_path / "counts", dict.fromkeys(names, scaling))
+    proposal = propose(columns)
+    assert proposal.mapping.channels.keys() == known.mapping.channels.keys()
+    for key, source in proposal.mapping.channels.items():
+        expected = known.mapping.channels[key]
+        assert (source.signal, source.unit) == (expected.signal, expected.unit)
+        assert source.signal == "" or source.scaling == scaling
+    reasons = proposal.rationales["beta"].reasons
+    assert any("0.000244140625 * raw + 0.0244140625" in reason for reason in reasons)
+    beta = apply_mapping(columns, proposal.mapping).channels["beta"].values
+    np.testing.assert_allclose(beta, plain_table()[PLAIN["beta"]], atol=1e-12)
+    raw = Mapping({"beta": replace(proposal.mapping.channels["beta"], scale=1.0, offset=0.0)},
+                  proposal.mapping.times)  # fmt: skip
+    warnings = find_warnings(columns, raw, apply_mapping(columns, raw))
+    assert any("the file declares 0.000244140625 * raw" in text for text in warnings["beta"])
+
+
+def test_a_confirmed_scale_is_not_doubted_and_helps_to_find_other_units(tmp_path):
+    scale = {"scale": 2**-12, "offset": 100 * 2**-12}
+    known = propose(columns_of(tmp_path / "plain", plain_table())).mapping
+    channels = {
+        key: replace(source, **scale) if source.signal else source
+        for key, source in known.channels.items()
+    }
+    proposal = propose(counted(tmp_path / "counts"), Mapping(channels, known.times))
+    assert proposal.mapping.channels == channels
+    assert min(proposal.rationales[key].confidence for key in KEYS) > 0.95
 
 
 def test_the_same_file_is_proposed_the_same(tmp_path):
