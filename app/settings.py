@@ -5,6 +5,7 @@ Each is read from FOREWARN_NAME; the guide describes them (several-people.md).
 
 import math
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from ipaddress import ip_address, ip_network
@@ -13,6 +14,7 @@ from typing import Any, get_type_hints
 
 PREFIX = "FOREWARN_"
 SHORTEST_TOKEN = 16
+ORIGIN = re.compile(r"https?://(\[[0-9a-f:.]+\]|[0-9a-z._-]+)(:[0-9]{1,5})?")
 
 
 class SettingsError(ValueError):
@@ -39,6 +41,7 @@ class Settings:
     token: str | None = field(default=None, repr=False)
     database_url: str | None = field(default=None, repr=False)
     allowed_hosts: tuple[str, ...] = ()
+    allowed_origins: tuple[str, ...] = ()
     max_flights: int = 64
     max_jobs: int = 1
     max_queued_jobs: int = 20
@@ -75,6 +78,12 @@ class Settings:
                 raise SettingsError(
                     f"udp_senders has {sender!r}: give an address or network such as 10.0.0.0/24"
                 ) from None
+        for origin in self.allowed_origins:
+            if not ORIGIN.fullmatch(origin):
+                raise SettingsError(
+                    f"allowed_origins has {origin!r}: give scheme, host and port, as a browser "
+                    "sends them, such as https://openmct.range:8080"
+                )
         if not is_loopback(self.host) and self.token is None:
             raise SettingsError(
                 f"host {self.host} can be reached from other machines: set FOREWARN_TOKEN, or "

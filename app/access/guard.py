@@ -6,7 +6,8 @@ One ASGI layer surrounds everything, HTTP and WebSocket alike, so that no route 
 import asyncio
 import re
 import socket
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Callable, Collection, Coroutine, Mapping
+from dataclasses import replace
 from functools import partial
 from ipaddress import ip_address
 from typing import Any
@@ -14,7 +15,7 @@ from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import HTTPConnection, Request
-from starlette.responses import RedirectResponse
+from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.access import login
@@ -27,8 +28,8 @@ from app.http.problems import Problem, problem_response
 from app.settings import Settings
 
 HOST = re.compile(r"(?:\[([0-9A-Fa-f:.]+)\]|([0-9A-Za-z._-]+))(?::[0-9]{0,5})?")
-HEALTH_PATH = "/healthz"
-"""Answered without a token: it reveals nothing."""
+PUBLIC_PATHS = ("/healthz", "/openmct/forewarn.js")
+"""Answered without a token: they reveal nothing."""
 EVENTS_SUFFIX = "/events"
 """The path of every event stream ends with it."""
 LOOK_EVERY_S = 0.5
@@ -56,6 +57,11 @@ HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Permissions-Policy": "camera=(), geolocation=(), microphone=(), payment=(), usb=()",
 }
+CORS_HEADERS = {
+    "Access-Control-Allow-Headers": "Authorization",
+    "Access-Control-Max-Age": "600",
+}
+"""For pages of allowed origins. Credentials are not allowed: a cookie never counts for them."""
 
 
 def refusal(status: int, detail: str, kind: str, **extra: Any) -> Problem:
@@ -93,14 +99,21 @@ class Guard:
         send = _with_headers(send, scope)
         try:
             self.check_host(connection.headers)
-            self.check_origin(scope, connection.headers)
-            if self.people.needs_token and scope["type"] == "http" and scope["path"] in login.PATHS:
+            site = self.check_origin(scope, connection.headers)
+            if site:
+                send = _readable_by(send, site)
+                if scope["type"] == "http" and scope["method"] == "OPTIONS":
+                    return await Response(None, 204, CORS_HEADERS)(scope, receive, send)
+            elif self.people.needs_token and _is_http(scope, login.PATHS):
                 answer = await self.login.answer(Request(scope, receive))
                 return await answer(scope, receive, send)
-            if scope["type"] == "http" and scope["path"] == HEALTH_PATH:
+            if _is_http(scope, PUBLIC_PATHS):
                 return await self.app(scope, receive, send)
-            admission, session = self.check_token(scope, connection)
-            scope["person"] = person = admission.person
+            admission, session = self.check_token(scope, connection, site)
+            person = admission.person
+            if site:
+                person = replace(person, role="viewer")
+            scope["person"] = person
             self.check_role(connection, person)
         except Problem as problem:
             return await self._refuse(problem, scope, receive, send)
@@ -127,9 +140,14 @@ class Guard:
             "host",
         )
 
-    def check_origin(self, scope: Scope, headers: Headers) -> None:
-        """Refuse requests that another site's page makes in a visitor's browser."""
+    def check_origin(self, scope: Scope, headers: Headers) -> str:
+        """Refuse requests that another site's page makes in a visitor's browser.
+
+        Returns the site's origin if the settings allow it, else nothing.
+        """
         origin = headers.get("origin")
+        if origin in self.settings.allowed_origins and len(headers.getlist("origin")) == 1:
+            return origin
         if origin is not None:
             parts = urlsplit(origin)
             same = parts.scheme in ("http", "https") and parts.netloc == headers["host"]
@@ -138,10 +156,14 @@ class Guard:
         changes = scope["type"] == "websocket" or scope["method"] not in SAFE_METHODS
         if changes and headers.get("sec-fetch-site", "none") not in ("same-origin", "none"):
             raise refusal(403, "the request comes from another site", "origin")
+        return ""
 
-    def check_token(self, scope: Scope, connection: HTTPConnection) -> tuple[Admission, str]:
+    def check_token(
+        self, scope: Scope, connection: HTTPConnection, site: str
+    ) -> tuple[Admission, str]:
         """Refuse a connection without a valid token in header, cookie or (WebSocket) query.
 
+        site: allowed origin of another site's page, whose cookies do not count.
         Returns the access, and the key of its session, if any. If the server needs no token, every
         client is `local`.
         """
@@ -153,7 +175,7 @@ class Guard:
             token = token or connection.query_params.get("token", "")
         if token and (admission := self.people.find(token)):
             return admission, ""
-        session = connection.cookies.get(login.COOKIE, "")
+        session = "" if site else connection.cookies.get(login.COOKIE, "")
         if admission := self.sessions.use(session):
             return admission, session
         if token:
@@ -279,6 +301,23 @@ def _noted(send: Send, note: Callable[[int], None]) -> Send:
             note(message["status"])
         elif message["type"] == "websocket.accept":
             note(101)
+        await send(message)
+
+    return send_on
+
+
+def _is_http(scope: Scope, paths: Collection[str]) -> bool:
+    return scope["type"] == "http" and scope["path"] in paths
+
+
+def _readable_by(send: Send, origin: str) -> Send:
+    """Let the page of another origin read the answer."""
+
+    async def send_on(message: Message) -> None:
+        if message["type"] in ("http.response.start", "websocket.http.response.start"):
+            headers = MutableHeaders(scope=message)
+            headers["Access-Control-Allow-Origin"] = origin
+            headers.add_vary_header("Origin")
         await send(message)
 
     return send_on

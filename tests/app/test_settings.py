@@ -39,6 +39,8 @@ def test_an_address_of_this_machine_needs_none(host):
         ({"FOREWARN_PORT": "70000"}, "port=70000"),
         ({"FOREWARN_TOKEN": "short"}, "at least 16"),
         ({"FOREWARN_TOKEN": "a token with é in it"}, "ASCII"),
+        ({"FOREWARN_ALLOWED_ORIGINS": "*"}, "allowed_origins has '\\*': give scheme, host"),
+        ({"FOREWARN_ALLOWED_ORIGINS": "https://range/"}, "allowed_origins has 'https://range/'"),
         ({"FOREWARN_MAX_JOBS": "-1"}, "max_jobs=-1"),
         ({"FOREWARN_MAX_BODY_BYTES": "0"}, "max_body_bytes=0"),
         ({"FOREWARN_MAX_HEADER_BYTES": "1"}, "max_header_bytes=1"),

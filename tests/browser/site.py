@@ -16,10 +16,10 @@ from app.store.store import Store
 class Site:
     """A server that can be stopped and started again at the same address."""
 
-    def __init__(self, data_dir: Path, token: str | None = None) -> None:
-        self._listening = listen(Settings(data_dir=data_dir, port=0, token=token))
+    def __init__(self, data_dir: Path, **settings: Any) -> None:
+        self._listening = listen(Settings(data_dir=data_dir, port=0, **settings))
         self.port = self._listening.getsockname()[1]
-        self.settings = Settings(data_dir=data_dir, port=self.port, token=token)
+        self.settings = Settings(data_dir=data_dir, port=self.port, **settings)
         self._start()
 
     @property
@@ -64,9 +64,9 @@ class Site:
 
 
 @contextmanager
-def open_site(data_dir: Path, token: str | None = None) -> Iterator[Site]:
+def open_site(data_dir: Path, **settings: Any) -> Iterator[Site]:
     """A site that has stopped when the block ends."""
-    site = Site(data_dir, token)
+    site = Site(data_dir, **settings)
     try:
         yield site
     finally:

@@ -13,7 +13,7 @@ def test_the_token_lets_a_browser_in_and_another_does_not(
     page: Page, tmp_path: Path, allowed_errors: list[str]
 ) -> None:
     allowed_errors.append("401 (Unauthorized)")
-    with open_site(tmp_path, TOKEN) as site:
+    with open_site(tmp_path, token=TOKEN) as site:
         page.goto(site.http)
         page.get_by_label("Token of this Forewarn server").fill("another-token-altogether")
         page.get_by_role("button", name="Enter").click()

@@ -38,7 +38,7 @@ def test_each_role_sees_all_and_is_offered_what_it_may_do_and_no_more(
 ) -> None:
     page = own_page
     allowed_errors.append("403 (Forbidden)")
-    with open_site(tmp_path, TOKEN) as site:
+    with open_site(tmp_path, token=TOKEN) as site:
         dataset = collect(DatasetRecipe(n_unsafe=40, n_obs=10, seed=3))
         monitor = site.store.monitors.add(train(dataset, MonitorRecipe()), "doublet").id
         source = {"kind": "simulated", "seed": 7, "outcome": "unsafe"}
@@ -109,7 +109,7 @@ def test_an_admin_finds_people_and_the_audit_of_one_of_them(
 ) -> None:
     page = own_page
     allowed_errors.append("403 (Forbidden)")
-    with open_site(tmp_path, TOKEN) as site:
+    with open_site(tmp_path, token=TOKEN) as site:
         tokens = site.store.tokens
         people: tuple[tuple[str, Role], ...] = ("Ada", "admin"), ("Vi", "viewer")
         for name, role in people:

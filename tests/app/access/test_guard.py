@@ -7,7 +7,15 @@ from starlette.websockets import WebSocketDisconnect
 
 from app.access import login
 from app.access.audit import Audit
-from app.access.guard import API_POLICY, PAGE_POLICY, REFUSED, SCENE_POLICY, SESSION_OVER, Guard
+from app.access.guard import (
+    API_POLICY,
+    PAGE_POLICY,
+    PUBLIC_PATHS,
+    REFUSED,
+    SCENE_POLICY,
+    SESSION_OVER,
+    Guard,
+)
 from app.access.login import COOKIE
 from app.access.people import Admission, People, Person
 from app.access.sessions import Sessions
@@ -16,6 +24,7 @@ from tests.support.api import ADDRESS, api, problem
 
 TOKEN = "a-token-of-a-good-length"
 STREAM = "/api/v1/flights/nothing/stream"
+OPEN_MCT = "http://openmct.range:8080"
 
 
 @pytest.fixture(scope="module")
@@ -108,6 +117,59 @@ def test_the_servers_own_page_is_accepted(client):
     assert not refusal(client, origin=ADDRESS)
 
 
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory):
+    """A server with a token that lets the pages of one other origin read."""
+    data = tmp_path_factory.mktemp("shared")
+    with api(data, token=TOKEN, allowed_origins=(OPEN_MCT,)) as client:
+        yield client
+
+
+def test_a_page_of_an_allowed_origin_reads_with_a_token(shared):
+    asked = {"origin": OPEN_MCT, "access-control-request-method": "GET"}
+    preflight = shared.options("/api/v1/flights", headers=asked)
+    assert preflight.status_code == 204
+    assert preflight.headers["access-control-allow-headers"] == "Authorization"
+    bearer = {"origin": OPEN_MCT, "authorization": f"Bearer {TOKEN}"}
+    answers = [preflight, shared.get("/api/v1/flights", headers=bearer)]
+    answers.append(shared.get("/openmct/forewarn.js", headers={"origin": OPEN_MCT}))
+    assert [answer.status_code for answer in answers[1:]] == [200, 200]
+    assert answers[2].headers["content-type"].startswith("text/javascript")
+    for answer in answers:
+        assert answer.headers["access-control-allow-origin"] == OPEN_MCT
+        assert "Origin" in answer.headers["vary"]
+        assert "access-control-allow-credentials" not in answer.headers
+    assert not refusal(shared, f"{STREAM}?token={TOKEN}", origin=OPEN_MCT)
+
+
+def test_a_page_of_an_allowed_origin_does_not_read_without_a_token(shared):
+    logged_in(shared)
+    cookie = {"cookie": f"{COOKIE}={shared.cookies[COOKIE]}"}
+    assert shared.get("/api/v1/flights", headers=cookie).status_code == 200
+    problem(shared.get("/api/v1/flights", headers=cookie | {"origin": OPEN_MCT}), 401)
+    assert "token" in refusal(shared, origin=OPEN_MCT, **cookie)
+    shared.cookies.clear()
+
+
+def test_a_page_of_an_allowed_origin_changes_nothing_whatever_its_token(shared):
+    bearer = {"origin": OPEN_MCT, "authorization": f"Bearer {TOKEN}"}
+    for path in ("/api/v1/flights", "/api/v1/tokens", "/login", "/logout"):
+        assert "viewer" in problem(shared.post(path, headers=bearer), 403)
+    assert "viewer" in refusal(
+        shared, f"/api/v1/flights/nothing/uplink?token={TOKEN}", origin=OPEN_MCT
+    )
+
+
+@pytest.mark.parametrize("origin", [f"{OPEN_MCT}0", "http://openmct.range", "null", "*"])
+def test_only_the_allowed_origin_is_allowed(shared, origin):
+    bearer = {"origin": origin, "authorization": f"Bearer {TOKEN}"}
+    for method in ("GET", "OPTIONS"):
+        answer = shared.request(method, "/api/v1/flights", headers=bearer)
+        assert "another site" in problem(answer, 403)
+        assert "access-control-allow-origin" not in answer.headers
+    assert "another site" in refusal(shared, f"{STREAM}?token={TOKEN}", origin=origin)
+
+
 def test_a_cross_site_form_without_origin_is_refused(client):
     for site in ("cross-site", "same-site"):
         headers = {"sec-fetch-site": site}
@@ -116,12 +178,13 @@ def test_a_cross_site_form_without_origin_is_refused(client):
         assert "another site" in refusal(client, **headers)
 
 
-def test_everything_but_the_health_check_needs_the_token(guarded):
+def test_everything_but_the_public_paths_needs_the_token(guarded):
     for path in ("/", "/api/v1/catalog", "/openapi.json", "/docs", "/metrics", "/readyz"):
         answer = guarded.get(path)
         problem(answer, 401)
         assert answer.headers["www-authenticate"] == "Bearer"
-    assert guarded.get("/healthz").status_code == 200
+    for path in PUBLIC_PATHS:
+        assert guarded.get(path).status_code == 200
     assert "token" in refusal(guarded)
     assert "token" in refusal(guarded, path="/scene/nothing")
 

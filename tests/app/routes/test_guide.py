@@ -43,8 +43,9 @@ def test_links_between_pages_lead_to_a_heading_here_and_on_github(client: TestCl
             continue
         to = name.removesuffix(".md") or file
         assert name in ("", f"{to}.md")
-        served = client.get(address(to)).text
-        assert not anchor or f'id="{anchor}"' in served, target
+        answer = client.get(address(to))
+        assert answer.status_code == 200, target
+        assert not anchor or f'id="{anchor}"' in answer.text, target
     served = client.get(address(file)).text
     assert not re.search(r'(?:href|src)="(?!/|#|data:)', served)
 

@@ -4,7 +4,9 @@ import json
 import re
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -61,15 +63,21 @@ def draw_no_scene(page: Page) -> None:
     )
 
 
-@pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+@contextmanager
+def open_monitored_site(data_dir: Path, **settings: Any) -> Iterator[Site]:
     """A server with one dataset and one monitor."""
-    with open_site(tmp_path_factory.mktemp("fly")) as site:
+    with open_site(data_dir, **settings) as site:
         dataset = collect(RECIPE)
         stored = site.store.datasets.add(dataset, "F-16 doublet")
         monitor = train(dataset, MonitorRecipe())
         make_ready(monitor)  # else the first flight waits for its kernels to be compiled
         site.store.monitors.add(monitor, "doublet", stored.id)
+        yield site
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    with open_monitored_site(tmp_path_factory.mktemp("fly")) as site:
         yield site
 
 
