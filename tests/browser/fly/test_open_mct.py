@@ -79,7 +79,8 @@ openmct.start();
 HISTORY = """async (key) => {
   const point = await openmct.objects.get({ namespace: "forewarn", key });
   const [end, strategy, size] = [Date.now(), "minmax", 1000];
-  const data = await openmct.telemetry.request(point, { start: end - 600_000, end, strategy, size });
+  const options = { start: end - 600_000, end, strategy, size };
+  const data = await openmct.telemetry.request(point, options);
   const { evaluate } = openmct.telemetry.limitEvaluator(point);
   return data.map((datum) => [datum.value, evaluate(datum)?.name ?? ""]);
 }"""
