@@ -61,6 +61,7 @@ class SignalSummary(BaseModel):
     description: str
     scale: float = Field(description="of raw counts, as the file declares; 1 if it does not")
     offset: float = Field(description="of raw counts: the value at zero")
+    n_bits: int = Field(description="of a raw word; 0 if unknown")
     n: int
     missing: int
     min: float | None

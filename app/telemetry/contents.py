@@ -35,6 +35,7 @@ class Signal:
 
     name, unit: as in the file; unit is "" if missing.   group: number of its group.
     scale, offset: of raw counts, as the file declares: value in `unit` = scale * raw + offset.
+    n_bits: of a raw word, 0 if unknown.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Signal:
     description: str = ""
     scale: float = 1.0
     offset: float = 0.0
+    n_bits: int = 0
 
 
 @dataclass(frozen=True)
@@ -171,12 +173,13 @@ class ColumnWriter:
         *,
         time: bool = False,
         scaling: Scaling = AS_RECORDED,
+        n_bits: int = 0,
     ) -> int:
         """Start a signal; return its number.
 
         A number is appended to a repeated name; an empty name becomes signal_<number>.
         time: whether the format declares it as the time of its group.
-        scaling: of raw counts, as the format declares it.
+        scaling: of raw counts, as the format declares it.   n_bits: of a raw word, 0 if unknown.
         """
         if len(self._signals) == MOST_SIGNALS:
             raise TelemetryError(
@@ -186,7 +189,7 @@ class ColumnWriter:
         unique = self._unique(printable(name, LONGEST_NAME) or f"signal_{number + 1}")
         unit, description = printable(unit, LONGEST_NAME), printable(description, LONGEST_TEXT)
         scale, offset = scaling.scale, scaling.offset
-        self._signals.append(Signal(unique, unit, group, description, scale, offset))
+        self._signals.append(Signal(unique, unit, group, description, scale, offset, n_bits))
         self._rows.append(0)
         if time:
             self._groups[group] = replace(self._groups[group], time=unique)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from mcap.writer import CompressionType
 
+from tests.support.ch10_flight import setup_record
 from tests.support.recorded_files import ULOG_START, ch10_packet, ulog_message
 
 N = 12
@@ -82,8 +83,7 @@ TEXT = {"val_0": 0, "text_0": b"off", "val_1": 1, "text_1": b"on", "default": b"
 
 
 def ch10(path: Path) -> None:
-    setup = b"G\\PN:x;\nR-1\\TK1-1:5;\nR-1\\DSI-1:NAV;\n"
-    out = ch10_packet(0x01, 0, 0, struct.pack("<I", 0) + setup)
+    out = ch10_packet(0x01, 0, 0, struct.pack("<I", 0) + setup_record().encode())
     out += ch10_packet(0x11, 1, 1_000_000, bytes.fromhex("11000000 0025 3009 0105 2420"))
     command, answer = 3 << 11 | 1 << 10 | 2 << 5 | 2, 3 << 11
     for k in range(N):

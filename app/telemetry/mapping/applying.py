@@ -2,6 +2,7 @@
 
 from contextlib import suppress
 from dataclasses import replace
+from difflib import get_close_matches
 from textwrap import shorten
 
 import numpy as np
@@ -11,11 +12,16 @@ from app.telemetry.mapping.derivations import DERIVATIONS, derive
 from app.telemetry.mapping.group_times import dead_time, no_clock, repeated_time
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, rate_words
 from app.telemetry.recording import TelemetryError, Trace, Traces
+from app.telemetry.scaling import read_bits
 from app.telemetry.targets import in_order, plausible, target_of
 from app.telemetry.units import convert, spelled
 from core.channels import KEYS
 from core.types import Array
 
+MOST_CLOSE = 5
+"""Signals with names like a wrong one, which are listed first."""
+BITS_429 = 31
+"""Bits of an ARINC 429 word without its parity."""
 ANY_NUMBERS = np.errstate(over="ignore", invalid="ignore", divide="ignore")
 """A file may hold any numbers; an overflow becomes infinite and so missing, without a warning."""
 
@@ -129,7 +135,7 @@ def _read(columns: Columns, mapping: Mapping, key: str, times: dict[str, Array])
             f"{key} comes from {signal.name!r} with {len(raw)} values, but its time has "
             f"{len(times[group])}: choose a time from the same group"
         )
-    if problem := source.scaling.problem():
+    if problem := source.scaling.problem() or _beyond(source, signal):
         raise TelemetryError(f"{key} ({signal.name}) {problem}")
     try:
         unit = target_of(key, source.unit).unit
@@ -141,11 +147,27 @@ def _read(columns: Columns, mapping: Mapping, key: str, times: dict[str, Array])
     return Trace(times[group], values, group, signal.name, bias=source.bias, unit=unit)
 
 
+def _beyond(source: ChannelSource, signal: Signal) -> str:
+    """Why a word of a signal does not have the bits of a source; "" if it may."""
+    if not (source.bits and signal.n_bits):
+        return ""
+    field = read_bits(source.bits)
+    if field.kind == "bnr" and signal.n_bits < BITS_429:
+        return (
+            f"has bits {source.bits}, but no status, which a whole ARINC 429 word has: choose the "
+            "signal that ends in /word"
+        )
+    if field.high > signal.n_bits:
+        return f"has bits {source.bits}, but its words have bits 1 to {signal.n_bits}"
+    return ""
+
+
 def _signal(columns: Columns, role: str, name: str) -> Signal:
     try:
         return columns.signal(name)
     except KeyError:
-        names = ", ".join(signal.name for signal in columns.contents.signals)
+        known = [signal.name for signal in columns.contents.signals]
+        names = ", ".join(dict.fromkeys([*get_close_matches(name, known, MOST_CLOSE), *known]))
         raise TelemetryError(
             f"the mapping takes {role} from {name!r}, which is not in the file: choose one of "
             f"{shorten(names, 300, placeholder=' ...')}"

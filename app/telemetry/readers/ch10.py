@@ -1,14 +1,14 @@
 """Read IRIG 106 Chapter 10 (experimental): raw numbers of buses, discretes and analog inputs.
 
 MIL-STD-1553 messages and ARINC 429 words become raw words, discretes bits, analog samples raw
-counts. PCM frames need a description of their layout and are not decoded.
+counts. Measurements of the set-up record become signals of their own, with scale and unit. PCM
+frames are not decoded: the library cuts them, and takes no words out of them.
 """
 
-import re
 import struct
 from array import array
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from math import nan
@@ -26,16 +26,18 @@ from app.telemetry.readers.signal_tables import (
     library_errors,
     write_tables,
 )
+from app.telemetry.readers.tmats import Measurement, Place, SetupRecord
 from app.telemetry.recording import TelemetryError
 from core.types import Array
 
 SETUP, TIME = 0x01, 0x11
 COMPUTER = range(0x08)
 EXPERIMENTAL = (
-    "Reading Chapter 10 is experimental: the numbers are raw words and counts, without scales and "
-    "units, which only the description of the aircraft has."
+    "Reading Chapter 10 is experimental: words and counts are raw; give their bits, scale and "
+    "offset in the mapping."
 )
-SOURCE = re.compile(rb"R-(\d+)\\(TK1|DSI)-(\d+):([^;]*);")
+NAMED = "Measurements with names and scales by the set-up record: {}."
+BY_XML = "The set-up record is in XML, which is not read."
 LONGEST_SOURCE = 40
 MOST_WORDS = 32
 """Data words of a MIL-STD-1553 message."""
@@ -76,11 +78,14 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
 class Series:
     """Samples of one origin, with times in ticks after the first data of the file.
 
+    labels: with the number of bits.   word: number of the first one that is a whole word.
     values: of all samples in turn, as many as labels each, NaN where missing; raw words and counts
     are exact in single precision.
     """
 
-    labels: Sequence[str]
+    place: Place
+    labels: Mapping[str, int]
+    word: int = 0
     times: array = field(default_factory=lambda: array("d"))
     values: array = field(default_factory=lambda: array("f"))
 
@@ -89,23 +94,29 @@ class Series:
         self.values.extend(values)
         self.values.extend([nan] * (len(self.labels) - len(values)))
 
-    def table(self, name: str) -> SignalTable:
-        """One column per label, without those at the end that never have a value."""
+    def table(self, name: str, measurements: Sequence[Measurement]) -> SignalTable:
+        """One column per label, without those at the end that never have a value, and one per
+        measurement."""
         samples = np.asarray(self.values).reshape(-1, len(self.labels))
         width = 1 + int(np.flatnonzero(~np.isnan(samples).all(axis=0)).max(initial=-1))
+        labels = dict([*self.labels.items()][:width])
+        n_bits = [*self.labels.values()][self.word]
 
         def pieces() -> Pieces:
             yield 0, np.asarray(self.times) / TICKS
             yield from enumerate(samples.T[:width], start=1)
+            words = samples[:, self.word : width]
+            yield from enumerate((m.counts(words, n_bits) for m in measurements), start=1 + width)
 
-        return SignalTable((name,), _columns(name, self.labels[:width]), len(samples), pieces)
+        return SignalTable((name,), _columns(name, labels, measurements), len(samples), pieces)
 
 
 @dataclass(eq=False)
 class Sampled:
     """Analog samples (n, n_subchannels); only the first sample of each packet has a time."""
 
-    labels: Sequence[str]
+    place: Place
+    labels: Mapping[str, int]
     times: list[int] = field(default_factory=list)
     blocks: list[npt.NDArray[np.integer]] = field(default_factory=list)
 
@@ -113,14 +124,18 @@ class Sampled:
         self.times.append(time)
         self.blocks.append(block)
 
-    def table(self, name: str) -> SignalTable:
+    def table(self, name: str, measurements: Sequence[Measurement]) -> SignalTable:
+        n_bits = next(iter(self.labels.values()))
+
         def pieces() -> Pieces:
             for times, block in zip(self._times(), self.blocks, strict=True):
                 yield 0, times / TICKS
                 yield from enumerate(block.T, start=1)
+                counts = (measurement.counts(block, n_bits) for measurement in measurements)
+                yield from enumerate(counts, start=1 + len(self.labels))
 
         n_rows = sum(map(len, self.blocks))
-        return SignalTable((name,), _columns(name, self.labels), n_rows, pieces)
+        return SignalTable((name,), _columns(name, self.labels, measurements), n_rows, pieces)
 
     def _times(self) -> Iterator[Array]:
         """Ticks of the samples, spread evenly up to the next packet unless there is a gap."""
@@ -132,9 +147,17 @@ class Sampled:
             yield first + step * np.arange(len(block))
 
 
-def _columns(name: str, labels: Sequence[str]) -> tuple[Column, ...]:
-    time = Column(f"{name}/time", "s", "the recorder's relative time counter", time=True)
-    return (time, *(Column(f"{name}/{label}", "", "raw, as on the bus") for label in labels))
+def _columns(
+    name: str, labels: Mapping[str, int], measurements: Sequence[Measurement]
+) -> tuple[Column, ...]:
+    return (
+        Column(f"{name}/time", "s", "the recorder's relative time counter", time=True),
+        *(
+            Column(f"{name}/{label}", "", "raw, as on the bus", n_bits=n_bits)
+            for label, n_bits in labels.items()
+        ),
+        *(Column(m.name, m.unit, m.description, scaling=m.scaling) for m in measurements),
+    )
 
 
 @dataclass(eq=False)
@@ -143,13 +166,16 @@ class PacketReader:
 
     series: by name.   not_decoded: counts of content.   first: the recorder's counter at the first
     data [ticks].   sources: names of channels in the recorder's set-up, by number.
-    clock: a counter and its time.
+    clock: a counter and its time.   n_named: measurements of the set-up that were recorded.
     """
 
     series: dict[str, Series] = field(default_factory=dict)
     analog: dict[str, Sampled] = field(default_factory=dict)
     not_decoded: Counter[str] = field(default_factory=Counter)
     first: int | None = None
+    setup: SetupRecord = field(default_factory=SetupRecord)
+    is_xml: bool = False
+    n_named: int = 0
     sources: dict[int, str] = field(default_factory=dict)
     clock: tuple[int, datetime] | None = None
     n_skipped: int = 0
@@ -161,7 +187,7 @@ class PacketReader:
             return
         try:
             if packet.data_type == SETUP:
-                self.sources |= channel_names(packet)
+                self._set_up(packet)
             elif packet.data_type == TIME:
                 utc = None if self.clock else moment(packet)
                 self.clock = (packet.time, utc) if utc else self.clock
@@ -175,6 +201,18 @@ class PacketReader:
         except Exception:  # the library's, of any kind
             self.not_decoded["damaged packets"] += 1
 
+    def _set_up(self, packet: Packet) -> None:
+        from chapter10.computer import ComputerF1
+
+        text = packet.opened(ComputerF1).data
+        if text.lstrip().startswith(b"<"):  # the library takes the flag from another bit
+            self.is_xml = True
+            return
+        self.setup.add(text)
+        self.sources = {
+            channel: name[:LONGEST_SOURCE] for channel, name in self.setup.channel_names().items()
+        }
+
     def channel(self, packet: Packet) -> str:
         """Number and, if known, name of a packet's channel."""
         source = self.sources.get(packet.channel, "")
@@ -185,10 +223,21 @@ class PacketReader:
             self.first = time % TURN
         return ticks_between(time % TURN, self.first)
 
-    def append(self, name: str, labels: Sequence[str], time: int, values: Sequence[float]) -> None:
-        """Add a sample to the series of a name, which starts with its first sample."""
+    def append(
+        self,
+        name: str,
+        place: Place,
+        labels: Mapping[str, int],
+        time: int,
+        values: Sequence[float],
+        word: int = 0,
+    ) -> None:
+        """Add a sample to the series of a name, which starts with its first sample.
+
+        word: number of the label of the first whole word.
+        """
         if name not in self.series:
-            self.series[name] = Series(labels)
+            self.series[name] = Series(place, labels, word)
         self.series[name].add(self.ticks(time), values)
 
     def tables(self) -> list[SignalTable]:
@@ -196,11 +245,19 @@ class PacketReader:
         timed = {name: series for name, series in self.analog.items() if len(series.times) > 1}
         untimed = len(self.analog) - len(timed)
         self.not_decoded.update(["analog channels of one packet"] * untimed)
-        return [series.table(name) for name, series in sorted((self.series | timed).items())]
+        of_place = self.setup.recorded({each.place for each in (self.series | timed).values()})
+        self.n_named = len({m.name for measurements in of_place.values() for m in measurements})
+        return [
+            series.table(name, of_place.get(series.place, ()))
+            for name, series in sorted((self.series | timed).items())
+        ]
 
     def ignored(self) -> list[str]:
         """Kinds of content that were not decoded, with their number."""
-        return [f"{kind}: {count}" for kind, count in sorted(self.not_decoded.items())]
+        return [
+            f"{kind}: {count}{f', {REMEDIES[kind]}' if kind in REMEDIES else ''}"
+            for kind, count in sorted(self.not_decoded.items())
+        ]
 
     def start(self) -> str:
         """Origin of the times in ISO 8601, "" if no packet gives it."""
@@ -211,6 +268,11 @@ class PacketReader:
 
     def notes(self) -> list[str]:
         notes = [EXPERIMENTAL]
+        if self.n_named:
+            notes.append(NAMED.format(self.n_named))
+        if self.is_xml:
+            notes.append(BY_XML)
+        notes += self.setup.notes()
         if self.analog:
             notes.append("Analog samples are spread evenly between the times of their packets.")
         if self.n_skipped:
@@ -221,21 +283,6 @@ class PacketReader:
 def _kind(data_type: int) -> str:
     """Kind of packets by type; types of one kind are consecutive."""
     return OTHER_KINDS.get(data_type, OTHER_KINDS.get(data_type & ~0x07, f"type {data_type:#04x}"))
-
-
-def channel_names(packet: Packet) -> dict[int, str]:
-    """Names of the data sources by channel number, from the set-up record."""
-    from chapter10.computer import ComputerF1
-
-    entries: dict[tuple[bytes, bytes], dict[bytes, str]] = {}
-    for recorder, key, number, value in SOURCE.findall(packet.opened(ComputerF1).data):
-        text = value.decode("utf-8", "replace").strip()[:LONGEST_SOURCE]
-        entries.setdefault((recorder, number), {})[key] = text
-    return {
-        int(entry[b"TK1"]): entry[b"DSI"]
-        for entry in entries.values()
-        if entry.get(b"TK1", "").isdecimal() and b"DSI" in entry
-    }
 
 
 def moment(packet: Packet) -> datetime | None:
@@ -270,11 +317,15 @@ def decode_1553(packet: Packet, recording: PacketReader) -> None:
         else:
             way = "from" if sends else "to"
             name = f"1553 {recording.channel(packet)} {way} RT{terminal:02d} SA{address:02d}"
-            recording.append(name, WORDS, time, struct.unpack(f"<{n_words}h", data))
+            place = Place("1553", packet.channel, (terminal, sends, address))
+            recording.append(name, place, WORDS, time, struct.unpack(f"<{n_words}h", data))
 
 
 def decode_429(packet: Packet, recording: PacketReader) -> None:
-    """Sort words by bus, label and source; all data bits become one signed number."""
+    """Sort words by bus, label and source; all data bits become one signed number.
+
+    The word without its label and parity keeps the numbers of its bits, 9 to 31.
+    """
     from chapter10.arinc429 import ARINC429F0
 
     time = packet.time
@@ -287,9 +338,11 @@ def decode_429(packet: Packet, recording: PacketReader) -> None:
         label = int(f"{bits & 0xFF:08b}"[::-1], 2)
         data = bits >> 10 & (1 << DATA_BITS_429) - 1
         signed = data - (data >> DATA_BITS_429 - 1 << DATA_BITS_429)
-        of_label = f"bus {word.bus} label {label:03o} source {bits >> 8 & 3}"
-        name = f"429 {recording.channel(packet)} {of_label}"
-        recording.append(name, ("data", "sign and status"), time, (signed, bits >> 29 & 3))
+        source = bits >> 8 & 3
+        name = f"429 {recording.channel(packet)} bus {word.bus} label {label:03o} source {source}"
+        place = Place("429", packet.channel, (label, source, word.bus))
+        values = (signed, bits >> 29 & 3, bits & WORD_429)
+        recording.append(name, place, LABELS_429, time, values, word=2)
 
 
 def decode_discrete(packet: Packet, recording: PacketReader) -> None:
@@ -299,10 +352,12 @@ def decode_discrete(packet: Packet, recording: PacketReader) -> None:
     opened = packet.opened(DiscreteF1)
     n_bits = opened.length or 32
     name = f"discretes {recording.channel(packet)}, {n_bits} bits"
-    labels = [f"bit {k:02d}" for k in range(n_bits)]
+    labels = {f"bit {k:02d}": 1 for k in range(n_bits)}
+    place = Place("discretes", packet.channel)
     for message in opened:
         state = int.from_bytes(message.data, "little")
-        recording.append(name, labels, message.ipts, [state >> k & 1 for k in range(n_bits)])
+        bits = [state >> k & 1 for k in range(n_bits)]
+        recording.append(name, place, labels, message.ipts, bits)
 
 
 def decode_analog(packet: Packet, recording: PacketReader) -> None:
@@ -321,8 +376,9 @@ def decode_analog(packet: Packet, recording: PacketReader) -> None:
     name = f"analog {recording.channel(packet)}, {width} of {n_bits} bits"
     block = counts[: len(counts) // width * width].reshape(-1, width)
     if len(block):
-        labels = [f"analog {k + 1}" for k in range(width)]
-        series = recording.analog.setdefault(name, Sampled(labels))
+        labels = {f"analog {k + 1}": n_bits for k in range(width)}
+        place = Place("analog", packet.channel)
+        series = recording.analog.setdefault(name, Sampled(place, labels))
         series.add(recording.ticks(packet.time), block)
 
 
@@ -340,7 +396,9 @@ def _counts(raw: bytes, n_bits: int, mode: int) -> npt.NDArray[np.uint32] | None
     return (samples @ weights).astype(np.uint32)
 
 
-WORDS = [f"word {k:02d}" for k in range(1, MOST_WORDS + 1)]
+WORDS = {f"word {k:02d}": 16 for k in range(1, MOST_WORDS + 1)}
+LABELS_429 = {"data": DATA_BITS_429, "sign and status": 2, "word": 31}
+WORD_429 = 0x7FFFFF00
 DECODERS: dict[int, Callable[[Packet, PacketReader], None]] = {
     0x19: decode_1553,
     0x21: decode_analog,
@@ -348,6 +406,9 @@ DECODERS: dict[int, Callable[[Packet, PacketReader], None]] = {
     0x38: decode_429,
 }
 """By data type of the packet."""
+REMEDIES = {
+    "PCM packets": "whose frames need a decommutator: export their measurements as a table",
+}
 OTHER_KINDS = {
     0x09: "PCM",
     0x1A: "16PP194 bus",

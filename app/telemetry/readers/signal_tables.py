@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from app.telemetry.contents import ColumnWriter
 from app.telemetry.recording import TelemetryError
+from app.telemetry.scaling import AS_RECORDED, Scaling
 from app.telemetry.units import unit_in
 
 BLOCK = 1 << 20
@@ -42,6 +43,7 @@ class Column:
     """A future signal. time: whether the file declares it as the time of the others.
 
     rate: declared sample rate [Hz], 0 if unknown; the first sample is at `start` [s].
+    scaling: of raw counts.   n_bits: of raw words, 0 if unknown.
     """
 
     name: str
@@ -50,6 +52,8 @@ class Column:
     time: bool = False
     rate: float = 0.0
     start: float = 0.0
+    scaling: Scaling = AS_RECORDED
+    n_bits: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +132,13 @@ def _added(
             table,
             [
                 writer.add_signal(
-                    group, c.name, c.unit or unit_in(c.name), c.description, time=c is time
+                    group,
+                    c.name,
+                    c.unit or unit_in(c.name),
+                    c.description,
+                    time=c is time,
+                    scaling=c.scaling,
+                    n_bits=c.n_bits,
                 )
                 for c in table.columns
             ],
