@@ -80,7 +80,7 @@ class FlightStatus(Decided):
     )
     limits_held: list[LimitsFrom] | None = Field(
         default=None,
-        description="limits in force during an ended flight; empty for the monitor's own limits; "
+        description="limits in force during the flight; empty for the monitor's own limits; "
         "null if unknown because the flight was cut short",
     )
     source: dict[str, Any]
@@ -376,6 +376,7 @@ NOW = (
     "monitors",
     "monitor_set",
     "limits",
+    "limits_held",
     "theta",
     "fail_t",
     "state",

@@ -177,13 +177,12 @@ function createServer({ url, token }) {
 
   async function read(id) {
     const status = await get(`/flights/${id}`);
-    const { created, head, mode, monitors, limits, live } = status;
+    const { created, head, mode, monitors, live, limits_held: held } = status;
     const { dictionary } = await get(`/monitors/${monitors[0].id}`);
     const channels = dictionary?.channels ?? (await get("/catalog")).channels;
     const { limits: own, validity } = monitors[0];
-    const held = limits ? [{ t: null, limits: own }, { t: limits.since, limits: limits.limits }] : (status.limits_held ?? []);
     const name = `${created.slice(0, 16).replace("T", " ")} ${status.name}`;
-    const flight = { id, name, mode, head, created: Date.parse(created), channels, own, held, validity, alertAbove: alertLevel(status), noRest: "", zero: NaN, isOver: !RUNNING.includes(status.progress) };
+    const flight = { id, name, mode, head, created: Date.parse(created), channels, own, held: held ?? [], validity, alertAbove: alertLevel(status), noRest: "", zero: NaN, isOver: !RUNNING.includes(status.progress) };
     if (live?.time_zero) flight.zero = Date.parse(live.time_zero);
     else if (head >= 0) flight.zero = flight.created - 1000 * (await frames(id, 0, 0))[0].t;
     return Object.assign(flight, { points: pointsOf(flight) });
@@ -237,7 +236,6 @@ function createLink(id, server, { url, token }, closed) {
   let taken = null; // when it was taken, by the server's clock [ms]
   let newestUtc = NaN;
   let late = 0; // age that counts as stale [s]
-  let clock = { utc: Date.now(), at: performance.now() }; // of the server
   let attempt = 0;
   let timer = 0;
   const link = { isStale: true, on, newest: (key) => newest.get(key) };
@@ -327,28 +325,23 @@ function createLink(id, server, { url, token }, closed) {
     }
   }
 
-  const now = () => Math.round(clock.utc + performance.now() - clock.at);
-
-  const setClock = ({ server_time: iso }) => Object.assign(clock, { utc: Date.parse(iso), at: performance.now() });
-
   const setZero = (live) => live?.time_zero && Object.assign(flight, { zero: Date.parse(live.time_zero) });
 
-  function setAuthority(message, held) {
-    const { limits: own, validity } = message.monitors[0];
-    Object.assign(flight, { own, validity, held, alertAbove: alertLevel(message), noRest: message.no_rest });
+  /** Other limits or another monitor: from the next sample on. */
+  async function update() {
+    const fresh = await server.flight(id, 0).catch(lost);
+    if (fresh) flight = Object.assign(fresh, { noRest: flight.noRest });
     emit("limits", flight);
   }
-
-  const heldBefore = () => (flight.held.length > 0 ? flight.held : [{ t: null, limits: flight.own }]);
 
   const handlers = {
     hello: (message) => {
       attempt = 0;
       late = message.stale_after;
       states.sample = message.state;
-      setClock(message);
       setZero(message.live);
-      setAuthority(message, message.held);
+      flight.noRest = message.no_rest;
+      emit("limits", flight);
       if (message.head < seen) seen = null;
       socket.send(JSON.stringify({ type: "resume", seq: seen ?? Math.max(-1, message.head - OVERLAP) }));
       handlers.status(message);
@@ -366,6 +359,7 @@ function createLink(id, server, { url, token }, closed) {
       newestUtc = utcAt(flight, fresh.at(-1).t);
       const heeded = flight.points.filter(({ key, of }) => of && listeners.get(key)?.size > 0);
       for (const point of heeded) push(point.key, dataOf(flight, point, fresh, newest.get(point.key)?.value));
+      if (link.isStale) withdraw("STALE"); // they came late
     },
     state: ({ state }) => {
       states.sample = state;
@@ -373,20 +367,16 @@ function createLink(id, server, { url, token }, closed) {
     },
     status: ({ status, level, beside }) => {
       states.headline = [status, ...beside].includes("stale");
-      push("headline", [{ utc: now(), value: HEADLINES.indexOf(status === "risk" ? "ALERT" : words(status)), level }]);
+      push("headline", [{ utc: Date.now(), value: HEADLINES.indexOf(status === "risk" ? "ALERT" : words(status)), level }]);
       decide();
     },
     alarm: ({ alarm }) => push("alarms", [alarmOf(flight, alarm)]),
     live: ({ live }) => setZero(live),
-    limits: ({ limits }) => {
-      if (limits) flight.held = [...heldBefore(), { t: limits.since, limits: limits.limits }];
-      emit("limits", flight);
-    },
-    monitor: (message) => setAuthority(message, [...heldBefore(), message.held]),
-    heartbeat: (message) => {
-      setClock(message);
-      const age = Math.max(0, message.sent - taken) / 1000;
-      if (taken !== null) push("age", [{ utc: now(), value: age, level: age > late ? "caution" : "none" }]);
+    limits: update,
+    monitor: update,
+    heartbeat: ({ sent }) => {
+      const age = Math.max(0, sent - taken) / 1000;
+      if (taken !== null) push("age", [{ utc: Date.now(), value: age, level: age > late ? "caution" : "none" }]);
     },
   };
 

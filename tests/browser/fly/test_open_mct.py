@@ -15,6 +15,8 @@ import httpx2
 import pytest
 from playwright.sync_api import Page, expect
 
+from core.limits.limit_sets import LimitCase, LimitSet
+from core.limits.limits import Limits
 from tests.browser.chromium import wait_until
 from tests.browser.fly.test_fly_page import CUT_OFF, EPSILON, UNSAFE, open_monitored_site
 from tests.browser.fly.test_live import batch
@@ -238,7 +240,10 @@ def test_no_number_is_left_when_samples_or_the_server_stop(
     wait_until(stub, f"({newest})({{ key: 'age' }}) > 1")
     is_stale = f"mct.heard['{flight}.risk'].stale.at(-1).isStale"
     assert stub.evaluate(is_stale)
-    range_.ask("POST", f"/flights/{flight}/samples", batch(1, 40, 200))
+    range_.ask("POST", f"/flights/{flight}/samples", batch(1, 40))
+    wait_until(stub, f"mct.heard['{flight}.channel-0'].data.some(({{ t }}) => t === 2)")
+    assert stub.evaluate(f"({newest})({{ key: 'channel-0' }})") == "STALE"  # it came late
+    range_.ask("POST", f"/flights/{flight}/samples", batch(2, 41, 200))
     wait_until(stub, f"!{is_stale}")
     wait_until(stub, f"typeof ({newest})({{ key: 'channel-0' }}) === 'number'")
     range_.site.stop()
@@ -255,6 +260,38 @@ def test_no_number_is_left_when_samples_or_the_server_stop(
     wait_until(stub, f"({newest})({{ key: 'risk' }}) === 'ENDED'")
     assert stub.evaluate(is_stale)
     stub.evaluate("Object.values(mct.heard).forEach(({ off }) => off())")
+
+
+def test_limits_put_in_force_in_flight_count_from_then_on(stub: Page, range_: Range) -> None:
+    flight = range_.fly(UNSAFE)
+    for action, value in (("pause", None), ("seek", 1.0)):
+        range_.ask("POST", f"/flights/{flight}/transport", {"action": action, "value": value})
+    key = f"{flight}.channel-3"
+    stub.evaluate("(key) => mct.listen(key)", key)
+    stub.evaluate(
+        """async (key) => {
+          mct.limits = [];
+          const point = await mct.point(key);
+          const { limits } = mct.telemetry.getLimits(point);
+          mct.limits.push(await limits());
+          mct.telemetry.subscribeToLimits(point, (changed) => mct.limits.push(changed));
+        }""",
+        key,
+    )
+    (before,) = stub.evaluate("mct.limits.slice(0, 1)")
+    assert before["CRITICAL"]["high"] == {"color": "red", "value": 0.5}
+    wait_until(stub, f"mct.heard['{key}'].stale.some(({{ isStale }}) => !isStale)")
+    cases = (LimitCase("all", {}, Limits(Ny=0.001)),)
+    made = range_.site.store.limit_sets.add("envelope", LimitSet(cases), "Ann")
+    range_.ask("PUT", f"/flights/{flight}/limits", {"limit_set": made.limit_set})
+    wait_until(stub, "mct.limits.at(-1).CRITICAL.high.value === 0.001")
+    range_.ask("POST", f"/flights/{flight}/transport", {"action": "play"})
+    wait_until(stub, f"mct.heard['{key}'].data.some(({{ level }}) => level === 'warning')")
+    record = stub.evaluate("(key) => mct.request(key)", key)
+    later = [each for each in record if each["level"] == "warning"]
+    assert min(each["t"] for each in later) > 1.0
+    assert min(abs(each["value"]) for each in later) < 0.5
+    range_.ask("POST", f"/flights/{flight}/end", {})
 
 
 def test_limits_are_those_in_force_and_their_ends_count(stub: Page) -> None:
