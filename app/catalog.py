@@ -26,12 +26,13 @@ from app.recipes.labels import choice_label, descriptions, kind_label, title_of,
 from app.recipes.recipes import (
     LIMITS,
     STORED_LIMITS,
+    TESTS,
     USUAL_DATASET,
     USUAL_MONITOR,
-    USUAL_NONLINEAR,
+    USUAL_TESTS,
     Imperfect,
-    SimulatedHere,
     limits_named,
+    model_of,
 )
 from app.recipes.recipes import to_plain as stored_plain
 from app.telemetry.formats import FORMATS, LIBRARIES
@@ -53,15 +54,16 @@ from core.monitor import MonitorRecipe
 from core.monitor.recipe import METHODS
 from core.planned_test.amplitude import WANTED_SHARE
 from core.planned_test.collection import DatasetRecipe
-from core.planned_test.nonlinear_test import NonlinearTest
+from core.planned_test.nonlinear_test import JsbsimTest, NonlinearTest
+from core.planned_test.planned_test import ManeuverTest
 from core.recipe import FAMILIES, Family, family_of
 from core.simulation.aircraft import Aircraft
-from core.simulation.maneuver import LATERAL_MANEUVERS, Maneuver
+from core.simulation.jsbsim import JsbsimAircraft, aircraft_names, is_installed
+from core.simulation.maneuver import Maneuver
 from core.simulation.pilot import usual_pilot
 
 RECIPES: dict[str, Any] = {
-    "dataset": DatasetRecipe(),
-    "nonlinear": NonlinearTest(),
+    **TESTS,
     "monitor": MonitorRecipe(),
     "study": StudyRecipe(),
     "combination": CombinationRecipe(),
@@ -71,8 +73,7 @@ RECIPES: dict[str, Any] = {
 }
 
 USUAL: dict[str, Any] = {
-    "dataset": USUAL_DATASET,
-    "nonlinear": USUAL_NONLINEAR,
+    **USUAL_TESTS,
     "monitor": USUAL_MONITOR,
 }
 """Recipes of an empty request, where they differ from the default."""
@@ -94,17 +95,7 @@ def catalog() -> dict[str, Any]:
         "channels": [asdict(channel) for channel in CHANNELS],
         "conditions": [asdict(channel) for channel in CONDITIONS.values()],
         "families": families,
-        "recipes": {
-            name: {
-                "schema": schema_of(recipe),
-                "default": to_plain(recipe),
-                "as_flown": to_plain(recipe.as_trained())
-                if isinstance(recipe, SimulatedHere)
-                else None,
-                "usual": to_plain(USUAL[name]) if name in USUAL else None,
-            }
-            for name, recipe in RECIPES.items()
-        },
+        "recipes": {name: _recipe(name, recipe) for name, recipe in RECIPES.items()},
         "methods": [
             {
                 "kind": kind,
@@ -119,6 +110,17 @@ def catalog() -> dict[str, Any]:
         "calibrating_share": SHARES[0],
         "flight_markers": [asdict(kind) for kind in FLIGHT_MARKERS.values()],
         "telemetry": _telemetry(),
+    }
+
+
+def _recipe(name: str, recipe: Any) -> dict[str, Any]:
+    is_test = isinstance(recipe, ManeuverTest)
+    return {
+        "schema": schema_of(recipe),
+        "default": to_plain(recipe),
+        "as_flown": to_plain(recipe.as_trained()) if is_test else None,
+        "usual": to_plain(USUAL[name]) if name in USUAL else None,
+        "needs": "forewarn[jsbsim]" if name == "jsbsim" and not is_installed() else "",
     }
 
 
@@ -148,21 +150,28 @@ def _entry(kind: str, member: Any) -> dict[str, Any]:
         ),
         "schema": schema_of(member),
         "default": {key: value for key, value in to_plain(member).items() if key != "kind"},
-        "usual_test": _usual_test(member),
+        "usual_tests": _usual_tests(member),
     }
 
 
-def _usual_test(member: Any) -> dict[str, Any] | None:
-    """The usual test of a linear aircraft, or of a manoeuvre of nonlinear ones, as parts of a
-    dataset's recipe."""
+def _usual_tests(member: Any) -> dict[str, dict[str, Any]]:
+    """What a linear aircraft, or a manoeuvre, brings to a test of each model of aircraft: parts of
+    its recipe."""
     if isinstance(member, Aircraft):
         recipe = to_plain(DatasetRecipe.usual(member))
-        return {part: recipe[part] for part in ("control_law", "maneuver", LIMITS)}
-    if isinstance(member, Maneuver):
-        recipe = to_plain(NonlinearTest(maneuver=member, pilot=usual_pilot(member)).with_usual())
+        return {"dataset": {part: recipe[part] for part in ("control_law", "maneuver", LIMITS)}}
+    if not isinstance(member, Maneuver):
+        return {}
+    pilot = usual_pilot(member)
+    tests: list[ManeuverTest] = [NonlinearTest(maneuver=member, pilot=pilot).with_usual()]
+    if member.captured is None:
+        tests.append(JsbsimTest(maneuver=member).with_usual())
+    brought = {"dataset": {"pilot": to_plain(pilot)}}
+    for test in tests:
+        recipe = to_plain(test)
         parts = {part: recipe[part] for part in ("condition", LIMITS)}
-        return parts | {"pilot": to_plain(usual_pilot(member))}
-    return None
+        brought[model_of(recipe)] = parts | {"pilot": to_plain(pilot)}
+    return brought
 
 
 def _telemetry() -> dict[str, Any]:
@@ -202,8 +211,10 @@ def schema_of(member: Any) -> dict[str, Any]:
     for field in fields(member):
         value, words = getattr(member, field.name), described.get(field.name, "")
         entry: dict[str, Any] = _property(known[field.name], value)
-        if field.name == "maneuver" and isinstance(member, DatasetRecipe):
-            entry["properties"] = {"kind": {"enum": list(LATERAL_MANEUVERS)}}
+        if isinstance(member, ManeuverTest) and field.name in (fewer := member.fewer):
+            entry["properties"] = {"kind": {"enum": list(fewer[field.name])}}
+        if isinstance(member, JsbsimAircraft) and field.name == "model" and is_installed():
+            entry["enum"] = list(aircraft_names())
         if (bounds := bounds_of(kind).get(field.name)) is not None:
             entry |= bounds.as_schema
         name = LIMITS if field.name == STORED_LIMITS else field.name

@@ -34,7 +34,6 @@ from app.jobs.training import (
 from app.recipes import labels
 from app.recipes.recipes import (
     RecipeError,
-    SimulatedHere,
     dataset_for,
     from_plain,
     monitor_as_ordered,
@@ -59,6 +58,7 @@ from core.monitor.training import check_lead
 from core.planned_test.collection import DatasetRecipe, SimulatedTest, card_of
 from core.planned_test.margin_labels import MarginBound, labelled_by_margins
 from core.planned_test.own import OwnTest
+from core.planned_test.planned_test import ManeuverTest
 from core.rollouts import doubts_of
 
 SIMULATED = "simulated"
@@ -69,7 +69,7 @@ SIMULATED = "simulated"
 class TrainingRecipe:
     """What `train` does: simulate a dataset, train a monitor, fly fresh rollouts through it."""
 
-    dataset: SimulatedHere = DatasetRecipe()  # noqa: RUF009
+    dataset: ManeuverTest = DatasetRecipe()  # noqa: RUF009
     monitor: MonitorRecipe = MonitorRecipe()  # noqa: RUF009
     n_test: Annotated[int, Bounds(least=0, words="it must be 0 or more")] = N_TEST
     """fresh test flights; 2000 if absent"""

@@ -20,7 +20,7 @@ from app.jobs.training import (
     train_and_test,
     with_test,
 )
-from app.recipes.recipes import USUAL_MONITOR, SimulatedHere
+from app.recipes.recipes import USUAL_MONITOR
 from app.recordings.flown_flights import sent_rollouts
 from app.recordings.recordings import Recordings
 from app.recordings.rollouts import SentRollouts
@@ -35,12 +35,13 @@ from core.planned_test.collection import (
     combination_failures,
     evaluation_flights,
 )
+from core.planned_test.planned_test import ManeuverTest
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def simulate_dataset(task: Task, name: str, recipe: SimulatedHere, store: Store) -> Result:
+def simulate_dataset(task: Task, name: str, recipe: ManeuverTest, store: Store) -> Result:
     """Simulate and store a dataset; the result has its id."""
     dataset = simulate(recipe, task.progress, task.executor)
     task.progress("storing", task.done, task.total)
@@ -102,7 +103,7 @@ def choose_epsilon(task: Task, monitor: Monitor, recipe: ChoiceRecipe) -> Result
     return asdict(choice) | {"words": in_words(choice)}
 
 
-def sweep_leads(task: Task, recipe: SweepRecipe, tests: Mapping[str, SimulatedHere]) -> Result:
+def sweep_leads(task: Task, recipe: SweepRecipe, tests: Mapping[str, ManeuverTest]) -> Result:
     """Train every method at every lead; the result has each cell, a table and a figure as SVG."""
     from app.report.studies.study_figures import power_against_lead
     from app.report.studies.sweep import in_words as table

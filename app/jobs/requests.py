@@ -6,13 +6,12 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any, NamedTuple, get_args
 
 from app.jobs.training import calibrating, test_to_fly
-from app.recipes.labels import kind_label
+from app.recipes.labels import aircraft_label, kind_label
 from app.recipes.recipes import (
     USUAL_DATASET,
     USUAL_MONITOR,
     Imperfect,
     RecipeError,
-    SimulatedHere,
     as_ordered,
     dataset_for,
     dataset_recipe,
@@ -36,6 +35,7 @@ from core.monitor.recipe import MISS_RATE
 from core.monitor.training import check_lead
 from core.planned_test.amplitude import WANTED_SHARE, Suggestion, suggest_amplitude
 from core.planned_test.collection import LARGEST_CHUNK, DatasetRecipe, card_of
+from core.planned_test.planned_test import ManeuverTest
 from core.simulation.maneuver import Maneuver
 
 LONGEST_NAME = 200
@@ -47,7 +47,7 @@ MOST_MEMBERS, MOST_LEADS = 16, 20
 BYTES = 8
 
 
-Requested = str | SimulatedHere
+Requested = str | ManeuverTest
 """The id of a stored dataset, or a recipe to simulate."""
 
 
@@ -88,7 +88,7 @@ class CombinationRecipe:
         check_epsilon(self.epsilon, self.n_unsafe, self.guarantee)
 
 
-def dataset_request(plain: Any, max_bytes: int) -> tuple[str, SimulatedHere]:
+def dataset_request(plain: Any, max_bytes: int) -> tuple[str, ManeuverTest]:
     """Read the body of a request for a dataset: its name and recipe. RecipeError."""
     if not isinstance(plain, dict):
         raise RecipeError(f"dataset is {quoted(plain)}: give its recipe, an object")
@@ -174,7 +174,7 @@ def combination_request(
     return name, ids, recipe
 
 
-def planned_test(members: Sequence[Monitor], lead: float) -> SimulatedHere:
+def planned_test(members: Sequence[Monitor], lead: float) -> ManeuverTest:
     """The planned test of all members, one of which has this lead [s].
 
     ValueError if they do not fit together or were not trained on simulated flights.
@@ -203,7 +203,7 @@ def study_request(plain: dict[str, Any], store: Store, max_bytes: int) -> StudyR
 
 def sweep_request(
     plain: dict[str, Any], store: Store, max_bytes: int
-) -> tuple[SweepRecipe, Mapping[str, SimulatedHere]]:
+) -> tuple[SweepRecipe, Mapping[str, ManeuverTest]]:
     """Read the body of a request for a sweep: its recipe, and planned tests by name. RecipeError.
 
     A `dataset` replaces `tests`.
@@ -236,9 +236,9 @@ def sweep_request(
     return recipe, tests
 
 
-def _test_of(requested: Requested, store: Store, remedy: str = "") -> SimulatedHere:
+def _test_of(requested: Requested, store: Store, remedy: str = "") -> ManeuverTest:
     """The recipe, given or stored. RecipeError if a stored dataset was not simulated."""
-    if isinstance(requested, SimulatedHere):
+    if isinstance(requested, ManeuverTest):
         return requested
     plain = store.datasets.info(requested).recipe
     if (recipe := simulated_test(plain)) is None:
@@ -248,7 +248,7 @@ def _test_of(requested: Requested, store: Store, remedy: str = "") -> SimulatedH
     return recipe
 
 
-def _linear(recipe: SimulatedHere, remedy: str) -> DatasetRecipe:
+def _linear(recipe: ManeuverTest, remedy: str) -> DatasetRecipe:
     """The recipe if its aircraft is linear. RecipeError."""
     if isinstance(recipe, DatasetRecipe):
         return recipe
@@ -268,7 +268,7 @@ def choice_request(
     return monitor, recipe
 
 
-def check_size(recipe: SimulatedHere, max_bytes: int) -> None:
+def check_size(recipe: ManeuverTest, max_bytes: int) -> None:
     """RecipeError if the recipe's arrays may need more memory than the server allows."""
     samples = recipe.maneuver.duration_s / recipe.dt + 1
     kept = (min(recipe.max_safe, recipe.max_rollouts) + recipe.n_unsafe) * samples
@@ -284,7 +284,7 @@ def check_size(recipe: SimulatedHere, max_bytes: int) -> None:
         )
 
 
-def _dataset_recipe(plain: Any, max_bytes: int, unsaid: Imperfect = "usual") -> SimulatedHere:
+def _dataset_recipe(plain: Any, max_bytes: int, unsaid: Imperfect = "usual") -> ManeuverTest:
     with _refusing():
         recipe, _ = dataset_recipe(as_ordered(plain, unsaid))
     check_size(recipe, max_bytes)
@@ -353,7 +353,7 @@ def _count(plain: dict[str, Any], key: str, default: int, lowest: int, highest: 
     return value
 
 
-def _check_test_size(recipe: SimulatedHere, n_test: int, max_bytes: int) -> None:
+def _check_test_size(recipe: ManeuverTest, n_test: int, max_bytes: int) -> None:
     run_up = recipe.imperfections.run_up(recipe.dt)
     samples = (run_up + recipe.maneuver.duration_s / recipe.dt + 1) * recipe.substeps
     if n_test * samples * _channels(recipe) * BYTES > max_bytes:
@@ -362,13 +362,13 @@ def _check_test_size(recipe: SimulatedHere, n_test: int, max_bytes: int) -> None
         )
 
 
-def _channels(recipe: SimulatedHere) -> int:
+def _channels(recipe: ManeuverTest) -> int:
     if isinstance(recipe, DatasetRecipe):
         return len(CHANNELS)
     return len(recipe.specification.dictionary)
 
 
-def dataset_name(recipe: SimulatedHere) -> str:
+def dataset_name(recipe: ManeuverTest) -> str:
     plain = to_plain(recipe)
-    kinds = (kind_label(plain[part]["kind"]) for part in ("aircraft", "maneuver"))
-    return f"{', '.join(kinds)}, seed {recipe.seed}"
+    maneuver = kind_label(plain["maneuver"]["kind"])
+    return f"{aircraft_label(plain['aircraft'])}, {maneuver}, seed {recipe.seed}"

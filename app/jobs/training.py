@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from app.recipes.recipes import SimulatedHere, own_code, simulated_test
+from app.recipes.recipes import own_code, simulated_test
 from core.dataset import FLOWN, Dataset
 from core.evaluation.certificate import USES
 from core.evaluation.method_choice import best_of, most_missed, plain_threshold, try_methods
@@ -41,8 +41,8 @@ from core.planned_test.collection import (
     training_rollouts,
 )
 from core.planned_test.near import near_failures, near_rollouts
-from core.planned_test.nonlinear_test import NonlinearTest
 from core.planned_test.own import OwnTest
+from core.planned_test.planned_test import ManeuverTest
 from core.rollouts import LabelledFlights
 from core.seeds import Branch, stream
 from core.simulation.simulator import Stops
@@ -174,7 +174,7 @@ def simulate(
     return collect(recipe, executor=executor, progress=report)
 
 
-def test_to_fly(monitor: Monitor) -> SimulatedHere:
+def test_to_fly(monitor: Monitor) -> ManeuverTest:
     """The monitor's planned test, to fly again. ValueError if it is not known."""
     recipe = simulated_test(monitor.dataset_recipe)
     if reason := own_code(monitor.dataset_recipe):
@@ -227,7 +227,7 @@ def train_and_test(
 def train_on_simulator(
     dataset: Dataset,
     recipe: MonitorRecipe,
-    test: OwnTest | NonlinearTest,
+    test: SimulatedTest,
     n_test: int,
     progress: Progress,
     executor: Executor | None = None,

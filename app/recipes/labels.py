@@ -8,6 +8,7 @@ from functools import cache
 from importlib import import_module
 from inspect import getsource
 from itertools import pairwise
+from typing import Any
 
 from core.channels import CHANNELS
 from core.evaluation import IN_WORDS, THRESHOLD
@@ -16,6 +17,7 @@ from core.simulation.published import MODELS
 FAMILIES = {
     "aircraft": "Aircraft",
     "nonlinear_aircraft": "Aircraft",
+    "jsbsim_aircraft": "Aircraft",
     "control_law": "Control law",
     "maneuver": "Manoeuvre",
     "pilot": "Pilot",
@@ -30,6 +32,7 @@ KINDS: dict[str, str] = {
     "f16_polynomial": "F-16, polynomials",
     "ggam_f16c": "F-16C, generic model",
     "ggam_a7": "A-7, generic model",
+    "jsbsim": "JSBSim",
     "none": "none, the bare airframe",
     "f16_sl_ofb": "F-16 output feedback (Stevens and Lewis)",
     "f16_damper": "F-16 yaw and roll damper",
@@ -127,6 +130,11 @@ SUFFIXES = {
 
 def kind_label(kind: str) -> str:
     return KINDS.get(kind) or kind.replace("_", " ")
+
+
+def aircraft_label(plain: dict[str, Any]) -> str:
+    """The label of an aircraft, with its name among those of JSBSim."""
+    return " ".join(filter(None, [kind_label(plain["kind"]), plain.get("model")]))
 
 
 def choice_label(parameter: str, value: Hashable) -> str:

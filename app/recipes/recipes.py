@@ -24,11 +24,12 @@ from core.monitor.predictor import Ensemble, Scope
 from core.monitor.recipe import METHODS, MonitorRecipe
 from core.monitor.score import SCORES
 from core.planned_test.amplitude import Suggestion, suggest_amplitude
-from core.planned_test.nonlinear_test import NonlinearTest
-from core.planned_test.planned_test import DatasetRecipe
+from core.planned_test.nonlinear_test import JsbsimTest, NonlinearTest, SixDofTest
+from core.planned_test.planned_test import DatasetRecipe, ManeuverTest
 from core.recipe import RecipeError as RecipeError
 from core.recipe import to_plain as to_plain
 from core.simulation.aircraft import AIRCRAFT, MatrixAircraft
+from core.simulation.jsbsim import JSBSIM_AIRCRAFT
 from core.simulation.maneuver import MANEUVERS
 from core.simulation.nonlinear_aircraft import NONLINEAR_AIRCRAFT
 from core.simulation.pilot import usual_pilot
@@ -42,9 +43,7 @@ MATRICES = {"A": "a", "B": "b", "C": "c", "D": "d"}
 """Names of matrices as printed, and their parameters."""
 
 
-SimulatedHere = DatasetRecipe | NonlinearTest
-"""Tests that the program simulates from their recipe."""
-Test = TypeVar("Test", bound=SimulatedHere)
+Test = TypeVar("Test", bound=ManeuverTest)
 
 
 def _changes(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
@@ -56,26 +55,42 @@ def _changes(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-@cache
-def as_flown(kind: type[SimulatedHere]) -> dict[str, Any]:
-    """The parts of a recipe with noise, jitter and imperfections as usual in flight."""
-    return _changes(to_plain(kind()), to_plain(kind().as_trained()))
+TESTS: dict[str, ManeuverTest] = {
+    "dataset": DatasetRecipe(),
+    "nonlinear": NonlinearTest(),
+    "jsbsim": JsbsimTest(),
+}
+"""The default test of each model of aircraft."""
 
 
-def default_test(plain: Any) -> SimulatedHere:
-    """The default recipe of a test with this aircraft."""
+def model_of(plain: Any) -> str:
+    """The model of a test's aircraft, of TESTS."""
     aircraft = plain.get("aircraft") if isinstance(plain, dict) else None
     kind = aircraft.get("kind") if isinstance(aircraft, dict) else None
-    is_nonlinear = isinstance(kind, str) and kind in NONLINEAR_AIRCRAFT
-    return NonlinearTest() if is_nonlinear else DatasetRecipe()
+    models = {"nonlinear": NONLINEAR_AIRCRAFT, "jsbsim": JSBSIM_AIRCRAFT}
+    return next((model for model, kinds in models.items() if kind in [*kinds]), "dataset")
+
+
+def default_test(plain: Any) -> ManeuverTest:
+    """The default recipe of a test with this aircraft."""
+    return TESTS[model_of(plain)]
+
+
+@cache
+def as_flown(model: str) -> dict[str, Any]:
+    """The parts of a recipe with noise, jitter and imperfections as usual in flight."""
+    return _changes(to_plain(TESTS[model]), to_plain(TESTS[model].as_trained()))
 
 
 Imperfect = Literal["usual", "none"]
 """Whether rollouts have gusts, instrument errors, noise and pilot scatter as usual in flight."""
 USUAL_DATASET = DatasetRecipe(n_unsafe=500).as_trained()
 """The default dataset."""
-USUAL_NONLINEAR = NonlinearTest(n_unsafe=USUAL_DATASET.n_unsafe).as_trained()
-"""The default dataset of a nonlinear aircraft."""
+USUAL_TESTS = {
+    model: replace(test, n_unsafe=USUAL_DATASET.n_unsafe).as_trained()
+    for model, test in TESTS.items()
+}
+"""The default dataset of each model of aircraft."""
 USUAL_MONITOR = MonitorRecipe(
     predictor=Ensemble(scope="near"), score=SCORES["highest_risk"], guarantee="95%"
 )
@@ -128,7 +143,7 @@ def stored_names(plain: Any, where: str = "dataset") -> Any:
 
 def from_plain(default: Any, plain: Any, where: str = "recipe") -> Any:
     """`default` with the values of `plain`, each checked for its type. RecipeError."""
-    if isinstance(default, SimulatedHere) and isinstance(plain, dict) and SIMULATOR in plain:
+    if isinstance(default, ManeuverTest) and isinstance(plain, dict) and SIMULATOR in plain:
         raise RecipeError(f"{where} {own_code(plain)}")
     return recipe.from_plain(default, plain, where, _checked, {STORED_LIMITS: LIMITS})
 
@@ -143,7 +158,7 @@ def own_code(plain: Mapping[str, Any]) -> str:
     )
 
 
-def simulated_test(plain: dict[str, Any]) -> SimulatedHere | None:
+def simulated_test(plain: dict[str, Any]) -> ManeuverTest | None:
     """The recipe that a dataset or a monitor stores as plain data; None if it has no known one."""
     try:
         return from_plain(default_test(plain), plain, "dataset") if plain else None
@@ -170,7 +185,7 @@ def _checked(default: Any, values: Mapping[str, Any], where: str) -> Any:
         raise RecipeError(f"{where}.{place} {reason}") from error
 
 
-def dataset_recipe(plain: Any, where: str = "dataset") -> tuple[SimulatedHere, Suggestion | None]:
+def dataset_recipe(plain: Any, where: str = "dataset") -> tuple[ManeuverTest, Suggestion | None]:
     """Read a dataset's recipe; a missing law, manoeuvre or limit is that of the usual test.
 
     `amplitude_deg` "auto", or none for a user's own model, becomes the amplitude that a pilot run
@@ -192,10 +207,10 @@ def dataset_recipe(plain: Any, where: str = "dataset") -> tuple[SimulatedHere, S
         if flown is not None and flown.captured:
             plain = plain | {"pilot": to_plain(usual_pilot(flown))}
     default, limits = default_test(plain), plain.get(STORED_LIMITS)
-    if isinstance(default, NonlinearTest) and isinstance(limits, dict):
+    if isinstance(default, SixDofTest) and isinstance(limits, dict):
         plain = plain | {STORED_LIMITS: NO_FLIGHT_LIMITS | limits}
-    read: SimulatedHere = from_plain(default, _with_usual_test(plain), where)
-    if isinstance(read, NonlinearTest):
+    read: ManeuverTest = from_plain(default, _with_usual_test(plain), where)
+    if isinstance(read, SixDofTest):
         turn = "load_factor" not in plain.get("condition", {})
         read = read.with_usual(limits=STORED_LIMITS not in plain, load_factor=turn)
     else:
@@ -222,7 +237,7 @@ def as_ordered(plain: Any, unsaid: Imperfect = "usual", asked: Imperfect | None 
         plain = {"n_unsafe": USUAL_DATASET.n_unsafe} | plain
     if (asked or ("none" if is_whole else unsaid)) == "none":
         return plain
-    return overlay(deepcopy(as_flown(type(default_test(plain)))), plain)
+    return overlay(deepcopy(as_flown(model_of(plain))), plain)
 
 
 def dataset_for(monitor: MonitorRecipe, dataset: Test) -> Test:

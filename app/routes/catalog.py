@@ -30,11 +30,11 @@ class Member(BaseModel):
     description: str = Field(description="what it is, and the source of its numbers")
     schema_: dict[str, Any] = Field(alias="schema", description="JSON schema of its parameters")
     default: dict[str, Any] = Field(description="default parameters")
-    usual_test: dict[str, Any] | None = Field(
-        default=None,
+    usual_tests: dict[str, dict[str, Any]] = Field(
+        default={},
         description=(
-            "for a linear aircraft: default control law, manoeuvre and limits of its datasets; for "
-            "a manoeuvre: default condition and limits of a nonlinear aircraft that flies it"
+            "by recipe, the parts that it brings to a test: of a linear aircraft control law, "
+            "manoeuvre and limits, of a manoeuvre condition, limits and pilot"
         ),
     )
 
@@ -54,6 +54,7 @@ class RecipeForm(BaseModel):
         alias="schema", description="JSON schema with units in `x-unit`"
     )
     default: dict[str, Any]
+    needs: str = Field(default="", description="what must be installed to simulate it")
     as_flown: dict[str, Any] | None = Field(
         default=None,
         description="for a dataset: the default with the noise, jitter and imperfections of flight",

@@ -12,8 +12,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from core.limits.limits import magnitudes_of
-from core.planned_test.amplitude import PlannedTest
-from core.planned_test.planned_test import DatasetRecipe
+from core.planned_test.planned_test import DatasetRecipe, ManeuverTest
 from core.simulation.imperfections import channel_array
 from core.simulation.maneuver import COLUMN, LATERAL_SURFACES, Steps
 from core.simulation.rollout import roll_out
@@ -46,7 +45,7 @@ class Ceiling:
     ValueError for other tests.
     """
 
-    def __init__(self, test: PlannedTest) -> None:
+    def __init__(self, test: ManeuverTest) -> None:
         maneuver, limits = test.maneuver, magnitudes_of(test.judged_by)
         is_exact = test.simulator().crew is None and test.imperfections.are_none
         if (

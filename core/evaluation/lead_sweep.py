@@ -31,7 +31,6 @@ from core.monitor.recipe import MISS_RATE, MonitorRecipe
 from core.monitor.response_filter import fit_card
 from core.monitor.score import SCORES, RestOfCard, Score
 from core.monitor.training import SafeObservations, train
-from core.planned_test.amplitude import PlannedTest
 from core.planned_test.collection import (
     card_of,
     collect,
@@ -42,7 +41,7 @@ from core.planned_test.collection import (
     training_rollouts,
 )
 from core.planned_test.near import near_failures, near_rollouts
-from core.planned_test.planned_test import DatasetRecipe, SensorNoise
+from core.planned_test.planned_test import DatasetRecipe, ManeuverTest, SensorNoise
 from core.seeds import Branch, monitor_seeds, stream
 from core.simulation.aircraft import AIRCRAFT
 from core.simulation.control_law import CONTROL_LAWS
@@ -202,7 +201,7 @@ _PartResult = tuple[float, float, dict[tuple[str, float], Cell]]
 
 def sweep(
     recipe: SweepRecipe | None = None,
-    tests: Mapping[str, PlannedTest] | None = None,
+    tests: Mapping[str, ManeuverTest] | None = None,
     *,
     executor: Executor | None = None,
     progress: Callable[[int, int], object] | None = None,
@@ -254,7 +253,7 @@ def planned_tests(names: Sequence[str], imperfections: str) -> dict[str, Dataset
     return {name: test.as_flown() for name, test in tests.items()}
 
 
-def check_leads(recipe: SweepRecipe, tests: Mapping[str, PlannedTest]) -> None:
+def check_leads(recipe: SweepRecipe, tests: Mapping[str, ManeuverTest]) -> None:
     """ValueError for a lead that is as long as a manoeuvre."""
     longest = max(recipe.leads_s)
     for name, test in tests.items():
@@ -265,7 +264,7 @@ def check_leads(recipe: SweepRecipe, tests: Mapping[str, PlannedTest]) -> None:
             )
 
 
-def _part(test: PlannedTest, recipe: SweepRecipe) -> _PartResult:
+def _part(test: ManeuverTest, recipe: SweepRecipe) -> _PartResult:
     return _Part(test, recipe).result()
 
 
@@ -292,7 +291,7 @@ class _Part:
     until when an alert is timely.
     """
 
-    def __init__(self, test: PlannedTest, recipe: SweepRecipe) -> None:
+    def __init__(self, test: ManeuverTest, recipe: SweepRecipe) -> None:
         self._test, self._recipe = test, recipe
         self._dataset = collect(test)
         self._flights = evaluation_flights(test, recipe.n_test)
@@ -416,7 +415,7 @@ class _Part:
 class _CeilingTest:
     """The information limit on one planned test's flights, in batches."""
 
-    def __init__(self, test: PlannedTest, recipe: SweepRecipe) -> None:
+    def __init__(self, test: ManeuverTest, recipe: SweepRecipe) -> None:
         self._test, self._recipe, self.ceiling = test, recipe, Ceiling(test)
         pool = evaluation_flights(test, CEILING_POOL)
         half = CEILING_FLIGHTS // 2
@@ -506,7 +505,7 @@ def _highest_alerting(alphas: Array, above: float) -> float:
     return float(alphas[p_values(alphas, alphas) > above].max(initial=-np.inf))
 
 
-def _earliest(flights: Rollouts, test: PlannedTest) -> float:
+def _earliest(flights: Rollouts, test: ManeuverTest) -> float:
     fails = flights.fail_index[flights.is_unsafe]
     earliest = float(np.quantile(fails, 0.05) * test.dt) if len(fails) else np.nan
     return earliest - test.maneuver.lead_in_s
@@ -515,7 +514,7 @@ def _earliest(flights: Rollouts, test: PlannedTest) -> float:
 def _counted(
     scores: _Scores,
     flights: Rollouts,
-    test: PlannedTest,
+    test: ManeuverTest,
     recipe: SweepRecipe,
     stopped: Stopped,
 ) -> Cell:

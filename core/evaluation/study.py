@@ -17,8 +17,8 @@ from core.monitor.predictor import PREDICTORS, Predictor
 from core.monitor.recipe import MonitorRecipe
 from core.monitor.score import SCORES, NegativeMagnitude, Score
 from core.monitor.training import SafeObservations, train
-from core.planned_test.amplitude import PlannedTest
 from core.planned_test.collection import DatasetRecipe, Rollouts, collect
+from core.planned_test.planned_test import ManeuverTest
 from core.seeds import monitor_seeds
 from core.tasks import Tasks
 from core.types import Array
@@ -33,7 +33,7 @@ METHODS: dict[str, tuple[str, str]] = {
 """The paper's five methods as pairs of predictor and score."""
 
 
-def methods(test: PlannedTest) -> dict[str, tuple[Predictor, Score]]:
+def methods(test: ManeuverTest) -> dict[str, tuple[Predictor, Score]]:
     """The five methods for a test; magnitudes use the channel of its first limit. Those of a
     nonlinear aircraft may have no limit on a lateral channel, so it has the three by neighbours."""
     if not isinstance(test, DatasetRecipe):
@@ -51,7 +51,7 @@ def methods(test: PlannedTest) -> dict[str, tuple[Predictor, Score]]:
 class StudyRecipe:
     """Size of the experiment."""
 
-    dataset: PlannedTest = DatasetRecipe()  # noqa: RUF009
+    dataset: ManeuverTest = DatasetRecipe()  # noqa: RUF009
     """planned test: its seed starts the whole study."""
     monitor: MonitorRecipe = MonitorRecipe(calibration="pointwise", scaling="raw")  # noqa: RUF009
     """settings of the monitors: everything except predictor and score. The defaults are the

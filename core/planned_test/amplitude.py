@@ -5,11 +5,9 @@ from functools import lru_cache
 from math import copysign
 
 from core.monitor.group import Pooled
-from core.planned_test.nonlinear_test import NonlinearTest
-from core.planned_test.planned_test import DatasetRecipe
+from core.planned_test.planned_test import ManeuverTest
 from core.seeds import Branch, stream
 
-PlannedTest = DatasetRecipe | NonlinearTest
 WANTED_SHARE = 0.25
 """Default share of rollouts that exceed a limit at the suggested amplitude."""
 TOLERANCE = 0.1
@@ -48,7 +46,7 @@ class Suggestion:
 
 
 def suggest_amplitude(
-    recipe: PlannedTest, share: float = WANTED_SHARE, most: int = PILOT_ROLLOUTS
+    recipe: ManeuverTest, share: float = WANTED_SHARE, most: int = PILOT_ROLLOUTS
 ) -> Suggestion:
     """Find the amplitude [deg] at which about this share of the rollouts exceeds a limit.
 
@@ -65,7 +63,7 @@ def suggest_amplitude(
 
 
 @lru_cache(maxsize=256)
-def _found(recipe: PlannedTest, share: float, most: int) -> Suggestion | AmplitudeError:
+def _found(recipe: ManeuverTest, share: float, most: int) -> Suggestion | AmplitudeError:
     """The same for monitors of one test with other leads or sizes."""
     try:
         return _bisected(recipe, share, most)
@@ -73,8 +71,8 @@ def _found(recipe: PlannedTest, share: float, most: int) -> Suggestion | Amplitu
         return error
 
 
-def _bisected(recipe: PlannedTest, share: float, most: int) -> Suggestion:
-    n = max(FEWEST, min(most, PILOT_STEPS // recipe.n_steps))
+def _bisected(recipe: ManeuverTest, share: float, most: int) -> Suggestion:
+    n = max(FEWEST, min(most, PILOT_STEPS // recipe.n_steps, recipe.most_at_once))
     low, high = LOWEST_DEG, HIGHEST_DEG
     _check_range(share, low, _share(recipe, low, n), high, _share(recipe, high, n))
     while high > CLOSE_ENOUGH * low:
@@ -86,7 +84,7 @@ def _bisected(recipe: PlannedTest, share: float, most: int) -> Suggestion:
     return _checked(recipe, share, float(f"{high:.3g}"), n)
 
 
-def _share(recipe: PlannedTest, amplitude_deg: float, n: int) -> float:
+def _share(recipe: ManeuverTest, amplitude_deg: float, n: int) -> float:
     """Share of n rollouts at this amplitude that exceed a limit; always the same aircraft."""
     peak = copysign(amplitude_deg, recipe.maneuver.peak_deg)
     test = replace(recipe, maneuver=recipe.maneuver.with_peak(peak))
@@ -108,7 +106,7 @@ def _check_range(share: float, low: float, least: float, high: float, most: floa
         )
 
 
-def _checked(recipe: PlannedTest, share: float, amplitude_deg: float, n: int) -> Suggestion:
+def _checked(recipe: ManeuverTest, share: float, amplitude_deg: float, n: int) -> Suggestion:
     reached = _share(recipe, amplitude_deg, n)
     if abs(reached - share) > TOLERANCE:
         raise AmplitudeError(

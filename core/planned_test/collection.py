@@ -15,11 +15,11 @@ from core.channels import KEYS
 from core.dataset import Dataset
 from core.monitor.group import Pooled
 from core.planned_test.amplitude import suggest_amplitude
-from core.planned_test.nonlinear_test import NonlinearTest
 from core.planned_test.own import OwnTest
 from core.planned_test.planned_test import (
     LARGEST_CHUNK,
     DatasetRecipe,
+    ManeuverTest,
     Replans,
 )
 from core.seeds import Branch, stream
@@ -31,7 +31,7 @@ from core.tasks import Tasks
 from core.types import Flags, Indices
 
 Progress = Callable[[int, int], object]
-SimulatedTest = DatasetRecipe | NonlinearTest | OwnTest
+SimulatedTest = ManeuverTest | OwnTest
 
 FIRST_CHUNK, CHUNKS_AHEAD = 256, 4
 """Rollouts of the first chunk, and chunks that an executor computes ahead."""

@@ -12,13 +12,11 @@ from core.channels import Dictionary
 from core.computed import complete
 from core.kernels.pilot import NOBODY, Pilots
 from core.limits.limits import Envelope
-from core.simulation.control_law import Controller
 from core.simulation.imperfections import Imperfections, channel_array, from_trim, seed_of
 from core.simulation.maneuver import Maneuver
 from core.simulation.pilot import Crew, Pilot
 from core.simulation.simulator import Parameters, Rollouts, Stopped
 from core.simulation.turbulence import LateralGust
-from core.simulation.uncertain_plant import Plants
 from core.types import Array, Indices
 
 MOST_SAMPLES = 20_000
@@ -121,7 +119,6 @@ class ManeuverSimulator(ABC):
     """Flies a planned manoeuvre on any aircraft, and stops it on the way."""
 
     dictionary: Dictionary
-    controller: Controller
     gust: LateralGust | None
     n_gusts = 1
     crew: Crew | None = None
@@ -142,10 +139,6 @@ class ManeuverSimulator(ABC):
     @abstractmethod
     def sample(self, n: int, rng: np.random.Generator) -> Array:
         """Draw theta (n, n_parameters)."""
-
-    @abstractmethod
-    def plants(self, theta: Array) -> Plants:
-        """Linear lateral motion of theta (n, n_parameters)."""
 
     @abstractmethod
     def outputs(self, drawn: Drawn) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 
 from core.planned_test.nonlinear_test import NonlinearTest
 from core.planned_test.own import OwnSimulator, OwnTest
-from core.planned_test.planned_test import DatasetRecipe
+from core.planned_test.planned_test import DatasetRecipe, ManeuverTest
 from core.seeds import Branch, stream
 from core.simulation.simulator import Rollouts
 from core.simulation.stability_margins import Margins, stability_margins
@@ -38,7 +38,13 @@ class MarginBound(NamedTuple):
 class MarginSimulator:
     """Flies a planned test, and labels the rollouts by the margins of their aircraft."""
 
-    def __init__(self, planned: DatasetRecipe | NonlinearTest, bounds: Sequence[MarginBound]):
+    def __init__(self, planned: ManeuverTest, bounds: Sequence[MarginBound]):
+        """ValueError if the closed loop is not known here."""
+        if not isinstance(planned, DatasetRecipe | NonlinearTest):
+            raise ValueError(
+                "stability margins need a closed loop that is known here, and this aircraft has "
+                "its own flight controls: choose a linear or nonlinear aircraft"
+            )
         self._simulator, self._bounds = planned.simulator(), bounds
         self._actuator = planned.control_law.actuator
         self.dictionary = self._simulator.dictionary
@@ -64,9 +70,7 @@ class MarginSimulator:
         return y[..., measured], np.where(unsafe, y.shape[1] - 1, -1), theta
 
 
-def labelled_by_margins(
-    planned: DatasetRecipe | NonlinearTest, bounds: Sequence[MarginBound]
-) -> OwnTest:
+def labelled_by_margins(planned: ManeuverTest, bounds: Sequence[MarginBound]) -> OwnTest:
     """The test with the sizes of the planned one, its limits left out.   ValueError."""
     own = MarginSimulator(planned, bounds)
     rng = stream(planned.seed, Branch.PILOT_RUN)

@@ -1,47 +1,37 @@
 """The planned test of a nonlinear aircraft in six degrees of freedom."""
 
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import radians
-from typing import Annotated, Any, ClassVar
+from math import exp, radians
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 
-from core.bounds import NOT_NEGATIVE, Bounds, check_bounds
+from core.bounds import NOT_NEGATIVE
 from core.channels import SIX_DOF
 from core.computed import complete
 from core.limits.flight_limits import QBAR, LoadLimits
-from core.limits.limits import Envelope, Specification
-from core.monitor.group import GROUPINGS, Grouping
-from core.planned_test.maneuver_simulator import (
-    Drawn,
-    ManeuverSimulator,
-    by_hand,
-    check_observations,
-    check_steps,
-    n_steps,
-)
+from core.limits.limits import Envelope, IntervalLimits, Specification
+from core.planned_test.maneuver_simulator import Drawn, ManeuverSimulator
 from core.planned_test.planned_test import (
     CHUNK_STEPS,
     LARGEST_CHUNK,
     USUAL_NOISE,
-    USUAL_SOFTNESS_S,
+    ManeuverTest,
     SensorNoise,
 )
-from core.recipe import later, to_plain
 from core.simulation.control_law import Actuator, ControlLaw, RateDamper, check_usable
-from core.simulation.imperfections import (
-    USUAL_IMPERFECTIONS,
-    Imperfections,
-    counts_from_trim,
-)
+from core.simulation.flight_process import ModelSimulator
+from core.simulation.imperfections import counts_from_trim
+from core.simulation.jsbsim import JsbsimAircraft
 from core.simulation.maneuver import (
     ALL_SURFACES,
     COLUMN,
     MANEUVERS,
     MOVED_BY,
     Axis,
-    Capture,
     Maneuver,
     OneSurface,
     PushOverPullUp,
@@ -61,8 +51,9 @@ from core.simulation.nonlinear import (
     loop_of,
 )
 from core.simulation.nonlinear_aircraft import NONLINEAR_AIRCRAFT, NonlinearAircraft
-from core.simulation.pilot import CHANNEL_OF, OpenLoop, Pilot, Sight
-from core.simulation.simulator import Parameters
+from core.simulation.pilot import CHANNEL_OF, OpenLoop, Sight
+from core.simulation.python_simulator import OwnCodeError
+from core.simulation.simulator import Parameters, Rollouts
 from core.simulation.uncertain_plant import Plants
 from core.types import Array
 
@@ -125,132 +116,190 @@ USUAL_LIMIT_OF: dict[Surface, LoadLimits] = {
     "aileron": LoadLimits(wing_bending=74e3),
 }
 """The same for manoeuvres of one control."""
-TURN = 2.0
-"""Load factor of the turn from which a wind-up turn is flown first."""
 
 
 @dataclass(frozen=True)
-class NonlinearTest:
+class SixDofTest(ManeuverTest, ABC):
+    """A planned test in six degrees of freedom, trimmed at a flight condition."""
+
+    specification: LoadLimits
+    noise: SixDofNoise = SixDofNoise()
+    condition: TrimCondition = TrimCondition()  # noqa: RUF009
+    """flight condition: trim before the manoeuvre."""
+
+    usual_noise: ClassVar[SensorNoise] = USUAL_SIX_DOF_NOISE
+    turn: ClassVar[float] = 2.0
+    """Load factor of the turn from which a wind-up turn is flown first."""
+
+    def usual_limits(self) -> LoadLimits:
+        """Limits of a first test of its manoeuvre."""
+        surface: Surface = "rudder"
+        if isinstance(self.maneuver, OneSurface):
+            surface = self.maneuver.surface
+        elif self.maneuver.captured:
+            surface = MOVED_BY[self.maneuver.captured]
+        return USUAL_LIMITS.get(type(self.maneuver), USUAL_LIMIT_OF[surface])
+
+    def with_usual(self, limits: bool = True, load_factor: bool = True) -> Self:
+        """The same with the limits and the load factor of a first test of its manoeuvre."""
+        condition, specification = self.condition, self.specification
+        if limits:
+            specification = self.usual_limits()
+        if load_factor and isinstance(self.maneuver, WindUpTurn):
+            condition = replace(condition, load_factor=self.turn)
+        return replace(self, condition=condition, specification=specification)
+
+    @abstractmethod
+    def simulator(self) -> "SixDofSimulator": ...
+
+    def _limits(self) -> Specification:
+        return self._limits_in_trim
+
+    @cached_property
+    def _limits_in_trim(self) -> Specification:
+        return self.simulator().specification
+
+
+@dataclass(frozen=True)
+class NonlinearTest(SixDofTest):
     """The planned test of a nonlinear aircraft and how much of it to simulate.
 
     Trimmed at a flight condition, with thrust held there. The default is a pitch doublet of an
-    F-16.
+    F-16. Gusts act on angle of attack and sideslip alike.
     """
 
     aircraft: NonlinearAircraft = NONLINEAR_AIRCRAFT["f16_polynomial"]
-    condition: TrimCondition = TrimCondition()  # noqa: RUF009
-    """flight condition: trim before the manoeuvre."""
+    maneuver: Maneuver = MANEUVERS["pitch_doublet"]
+    specification: LoadLimits = LoadLimits(Nz_high=2.25)  # noqa: RUF009
     control_law: ControlLaw = RateDamper(actuator=F16_ACTUATOR)  # noqa: RUF009
     pitch_law: PitchLaw = PitchLaw()  # noqa: RUF009
     """pitch law: feedback to the elevator."""
-    maneuver: Maneuver = MANEUVERS["pitch_doublet"]
-    specification: LoadLimits = LoadLimits(Nz_high=2.25)  # noqa: RUF009
-    noise: SixDofNoise = SixDofNoise()
-    """sensor noise: white and Gaussian, 1 sigma of each channel."""
-    imperfections: Imperfections = Imperfections()  # noqa: RUF009
-    """imperfections of a real flight: effects besides noise and jitter, drawn for each rollout;
-    gusts act on angle of attack and sideslip alike."""
-    dt: Annotated[float, Bounds(above=0)] = 0.05
-    """sample interval of the telemetry [s]."""
-    substeps: Annotated[int, Bounds(least=1)] = 1
-    """substeps of a sample: limits are checked after each; an exceedance between two samples counts
-    at the later one."""
-    n_unsafe: Annotated[int, Bounds(least=2)] = 50
-    """unsafe rollouts to collect; at least as many of each group."""
-    groups: Grouping = GROUPINGS["pooled"]
-    """groups of failing rollouts: each gets enough of them, for a monitor calibrated by groups."""
-    n_obs: Annotated[int, Bounds(least=1)] = 50
-    """observation times kept of each safe rollout."""
-    seed: Annotated[int, Bounds(least=0)] = 0
-    """seed of every random draw: the same recipe makes the same dataset."""
-    max_rollouts: Annotated[int, Bounds(least=1)] = 100_000
-    """budget of rollouts: a collection that would exceed it stops early."""
-    max_safe: Annotated[int, Bounds(least=1)] = 10_000
-    """safe rollouts kept: the first ones; further ones are only counted."""
-    pilot: Pilot = later(OpenLoop())  # noqa: RUF009
 
-    for_more: ClassVar[str] = "raise the amplitude, lower the limit"
-    for_fewer: ClassVar[str] = "lower the amplitude, raise the limit"
-
-    def __post_init__(self) -> None:
-        check_bounds(self)
-        self.pilot.check(self.maneuver, SIGHTS)
-        check_steps(self)
-        check_observations(self)
-
-    def with_usual(self, limits: bool = True, load_factor: bool = True) -> "NonlinearTest":
-        """The same with the limits and the load factor of a first test of its manoeuvre."""
-        maneuver, condition, specification = self.maneuver, self.condition, self.specification
-        if limits:
-            surface: Surface = "rudder"
-            if isinstance(maneuver, OneSurface):
-                surface = maneuver.surface
-            elif isinstance(maneuver, Capture):
-                surface = MOVED_BY[maneuver.axis]
-            specification = USUAL_LIMITS.get(type(maneuver), USUAL_LIMIT_OF[surface])
-        if load_factor and isinstance(maneuver, WindUpTurn):
-            condition = replace(condition, load_factor=TURN)
-        return replace(self, condition=condition, specification=specification)
+    sights: ClassVar[Mapping[Axis, Sight]] = SIGHTS
 
     def simulator(self) -> "NonlinearSimulator":
         return NonlinearSimulator(self)
 
-    def to_plain(self) -> dict[str, Any]:
-        return to_plain(self)
-
-    @cached_property
-    def judged_by(self) -> Specification:
-        return self.pilot.label or self.simulator().specification
-
     @property
-    def n_steps(self) -> int:
-        return n_steps(self)
+    def most_at_once(self) -> int:
+        return max(1, min(LARGEST_CHUNK, CHUNK_STEPS // (2 * self.n_steps)))
+
+
+@dataclass(frozen=True)
+class JsbsimTest(SixDofTest):
+    """The planned test of an aircraft of JSBSim and how much of it to simulate.
+
+    Its own flight controls move the surfaces: commands in degrees are shares of a full stick.
+    Nobody is in the loop. The default is a pitch doublet of a Cessna 172; gusts act on angle of
+    attack and sideslip alike.
+    """
+
+    aircraft: JsbsimAircraft = JsbsimAircraft()  # noqa: RUF009
+    maneuver: Maneuver = MANEUVERS["pitch_doublet"].with_peak(-6.4)  # noqa: RUF009
+    specification: LoadLimits = LoadLimits(Nz_high=2.0)  # noqa: RUF009
+    condition: TrimCondition = TrimCondition(altitude_m=1500.0, mach=0.165)  # noqa: RUF009
+
+    fewer: ClassVar[Mapping[str, Iterable[str]]] = {
+        "maneuver": [name for name, each in MANEUVERS.items() if each.captured is None],
+        "pilot": ["open_loop"],
+    }
+    turn: ClassVar[float] = 1.4
 
     @property
     def most_at_once(self) -> int:
-        """Rollouts that fit in memory together."""
-        return max(1, min(LARGEST_CHUNK, CHUNK_STEPS // (2 * self.n_steps)))
+        """Few, so that a job shows its progress: each takes some 10 ms."""
+        return 64
 
-    def as_flown(self) -> "NonlinearTest":
-        """The same test with the usual noise, jitter and imperfections of real flights."""
-        return replace(
-            self,
-            maneuver=by_hand(self.maneuver),
-            noise=USUAL_SIX_DOF_NOISE,
-            imperfections=USUAL_IMPERFECTIONS,
-        )
+    def __post_init__(self) -> None:
+        if self.maneuver.captured or self.pilot != OpenLoop():
+            raise ValueError(
+                "nobody can be in the loop of an aircraft of JSBSim: choose the pilot open_loop, "
+                "and a manoeuvre that captures no target"
+            )
+        super().__post_init__()
 
-    def as_trained(self) -> "NonlinearTest":
-        """The test as flown by pilots of different softness, to train a monitor for any of them."""
-        flown = self.as_flown()
-        soft = replace(flown.imperfections, softness_s=USUAL_SOFTNESS_S)
-        return replace(flown, imperfections=soft)
+    def usual_limits(self) -> LoadLimits:
+        pulls = self.maneuver.n_surfaces == ALL_SURFACES
+        return LoadLimits(Nz_high=2.0) if pulls else LoadLimits(beta_deg=5.0)
+
+    def simulator(self) -> "JsbsimSimulator":
+        return JsbsimSimulator(self)
 
 
-class NonlinearSimulator(ManeuverSimulator):
-    """A nonlinear aircraft: it can fly given aircraft, and stop."""
+class SixDofSimulator(ManeuverSimulator):
+    """Flights in six degrees of freedom: it can fly given aircraft, and stop."""
 
+    planned: Any
+    specification: IntervalLimits
     n_gusts = 2
 
-    def __init__(self, planned: NonlinearTest) -> None:
+    def __init__(self, planned: SixDofTest) -> None:
         """ValueError if the nominal aircraft has no trim, is unstable, or exceeds a limit there."""
         self.planned = planned
         self.dictionary = planned.specification.dictionary
         self.point = planned.condition.point
         self.gust = planned.imperfections.gust(planned.condition.altitude_m, self.point.airspeed)
+        self._prepare()
+        self.specification = planned.specification.of_trim(self._trim_values())
+
+    @abstractmethod
+    def _prepare(self) -> None:
+        """What `outputs` needs. ValueError."""
+
+    def _trim_values(self) -> dict[str, float]:
+        """Outputs of the nominal aircraft in trim, by channel; from trim where they count so."""
+        nominal = self.parameters.nominal[np.newaxis]
+        still = Drawn(nominal, np.zeros((1, 1, ALL_SURFACES)), np.zeros(1, np.int64), ())
+        values = complete(self.dictionary, self.outputs(still), self.dt)[0, 0]
+        return dict(zip(self.dictionary.keys, values.tolist(), strict=True))
+
+    @property
+    def test(self) -> SixDofTest:
+        return self.planned
+
+    @property
+    def limits(self) -> Envelope:
+        return self.specification.envelope
+
+    @property
+    def parameters(self) -> Parameters:
+        return self.test.aircraft.parameters
+
+    def sample(self, n: int, rng: np.random.Generator) -> Array:
+        return self.parameters.sample(n, rng)
+
+    def outputs(self, drawn: Drawn) -> Array:
+        commands = drawn.commands
+        if commands.shape[2] < ALL_SURFACES:
+            commands = np.pad(commands, ((0, 0), (0, 0), (0, ALL_SURFACES - commands.shape[2])))
+        gust = np.stack(drawn.gusts, axis=-1) if drawn.gusts else None
+        y = self._true_outputs(drawn, commands, gust)
+        y -= np.where(counts_from_trim(self.dictionary), y[:, :1], 0.0)
+        return y
+
+    @abstractmethod
+    def _true_outputs(self, drawn: Drawn, commands: Array, gust: Array | None) -> Array:
+        """Outputs (n, n_steps, n_measured), absolute.
+
+        commands: (1 or n, n_samples, 3) [rad].   gust: (n, n_steps, 2) of alpha and beta [rad].
+        """
+
+
+class NonlinearSimulator(SixDofSimulator):
+    """A nonlinear aircraft, whose equations are compiled here."""
+
+    planned: NonlinearTest
+
+    def __init__(self, planned: NonlinearTest) -> None:
+        super().__init__(planned)
+        self.crew = planned.pilot.crew(planned.maneuver, SIGHTS, self._respond)
+
+    def _prepare(self) -> None:
+        planned = self.planned
         plant = linear_lateral(planned.aircraft, self.point)
         self.controller = planned.control_law.controller(plant)
         duration = planned.maneuver.duration_s
         check_usable(plant, self.controller, planned.control_law.actuator, duration)
-        self.specification = planned.specification.of_trim(self._trim_values())
-        self.crew = planned.pilot.crew(planned.maneuver, SIGHTS, self._respond)
-
-    def _trim_values(self) -> dict[str, float]:
-        """Outputs of the nominal aircraft in trim, by channel; from trim where they count so."""
-        nominal = self.planned.aircraft.nominal[np.newaxis]
-        still = Drawn(nominal, np.zeros((1, 1, ALL_SURFACES)), np.zeros(1, np.int64), ())
-        values = complete(self.dictionary, self.outputs(still), self.dt)[0, 0]
-        return dict(zip(self.dictionary.keys, values.tolist(), strict=True))
 
     @cached_property
     def _linear(self) -> tuple[Array, Array, Array]:
@@ -265,28 +314,11 @@ class NonlinearSimulator(ManeuverSimulator):
         seen = c[SIGHTS[axis].output] @ moved
         return complex(seen / (1.0 + self.planned.maneuver.pedal_lag_s * s))
 
-    @property
-    def test(self) -> NonlinearTest:
-        return self.planned
-
-    @property
-    def limits(self) -> Envelope:
-        return self.specification.envelope
-
-    @property
-    def parameters(self) -> Parameters:
-        return self.planned.aircraft.parameters
-
-    def sample(self, n: int, rng: np.random.Generator) -> Array:
-        return self.parameters.sample(n, rng)
-
     def plants(self, theta: Array) -> Plants:
         return lateral_plants(self.planned.aircraft, self.point, theta)
 
-    def outputs(self, drawn: Drawn) -> Array:
-        planned, commands = self.planned, drawn.commands
-        if commands.shape[2] < ALL_SURFACES:
-            commands = np.pad(commands, ((0, 0), (0, 0), (0, ALL_SURFACES - commands.shape[2])))
+    def _true_outputs(self, drawn: Drawn, commands: Array, gust: Array | None) -> Array:
+        planned = self.planned
         y, _ = fly(
             planned.aircraft,
             self.point,
@@ -298,9 +330,56 @@ class NonlinearSimulator(ManeuverSimulator):
             pitch_law=planned.pitch_law,
             pedal_lag_s=planned.maneuver.pedal_lag_s,
             substeps=planned.substeps,
-            gust=np.stack(drawn.gusts, axis=-1) if drawn.gusts else None,
+            gust=gust,
             in_loop=drawn.in_loop,
             n_outputs=len(self.dictionary.measured),
         )
-        y -= np.where(counts_from_trim(self.dictionary), y[:, :1], 0.0)
+        return y
+
+
+class JsbsimSimulator(SixDofSimulator):
+    """An aircraft of JSBSim in processes of its own, with new draws for those without trim."""
+
+    planned: JsbsimTest
+
+    def _prepare(self) -> None:
+        planned, point, dictionary = self.planned, self.point, self.dictionary
+        names, nominal, spread, _ = self.parameters
+        step = planned.dt / planned.substeps
+        self._own = ModelSimulator(
+            planned.aircraft.in_flight(point, step, dictionary.measured),
+            f"{planned.aircraft.model} of JSBSim",
+            channels=dictionary,
+            dt=step,
+            parameters=dict(zip(names, zip(nominal, spread, strict=True), strict=True)),
+            inputs=np.zeros(1),
+        )
+
+    def fly(
+        self, theta: Array, rng: np.random.Generator, scale: Array | None = None
+    ) -> tuple[Rollouts, Array]:
+        """ValueError also for an aircraft without trim."""
+        rollouts, peaks = super().fly(theta.copy(), rng, scale)
+        if n := int((rollouts.theta != theta).any(axis=1).sum()):
+            raise OwnCodeError(
+                f"{n} of {len(theta)} aircraft have no trim: choose some nearer to the nominal one"
+            )
+        return rollouts, peaks
+
+    def _true_outputs(self, drawn: Drawn, commands: Array, gust: Array | None) -> Array:
+        """Writes theta of those drawn again."""
+        planned, n = self.planned, len(drawn.theta)
+        n_steps = (commands.shape[1] - 1) * planned.substeps + 1
+        inputs = np.zeros((n, n_steps, ALL_SURFACES + self.n_gusts))
+        lag, before = planned.maneuver.pedal_lag_s, np.zeros((len(commands), ALL_SURFACES))
+        fade = exp(-planned.dt / lag) if lag else 0.0
+        lasting = (1.0 - fade) * lag / planned.dt
+        for k, command in enumerate(commands.swapaxes(0, 1)):  # its mean while it is held
+            steps = slice(k * planned.substeps, (k + 1) * planned.substeps)
+            held = command + lasting * (before - command)
+            inputs[:, steps, :ALL_SURFACES] = held[:, np.newaxis]
+            before = command + fade * (before - command)
+        if gust is not None:
+            inputs[..., ALL_SURFACES:] = gust
+        y, drawn.theta[:], _ = self._own.drawn_again(drawn.theta, list(inputs))
         return y

@@ -1,8 +1,10 @@
 """The planned test: a manoeuvre on an uncertain aircraft, its limits, its simulation."""
 
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from math import radians
-from typing import Annotated, Any, ClassVar, Protocol, runtime_checkable
+from typing import Annotated, Any, ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
 
@@ -36,6 +38,7 @@ from core.simulation.imperfections import (
 )
 from core.simulation.maneuver import (
     COLUMN,
+    LATERAL_MANEUVERS,
     LATERAL_SURFACES,
     MANEUVERS,
     MOVED_BY,
@@ -91,17 +94,12 @@ USUAL_SOFTNESS_S = 0.5
 
 
 @dataclass(frozen=True)
-class DatasetRecipe:
-    """The planned test and how much of it to simulate.
+class ManeuverTest(ABC):
+    """A planned manoeuvre on an uncertain aircraft, its limits, and how much of it to simulate."""
 
-    The default is the usual test of an F-16 with yaw and roll damper: a rudder doublet that exceeds
-    a limit on about a quarter of the aircraft.
-    """
-
-    aircraft: Aircraft = DEFAULT_AIRCRAFT
-    control_law: ControlLaw = CONTROL_LAWS[USUAL.control_law]
-    maneuver: Maneuver = MANEUVERS["rudder_doublet"].with_peak(USUAL.doublet_deg)  # noqa: RUF009
-    specification: Limits = Limits(Ny=USUAL.limit_g)  # noqa: RUF009
+    aircraft: Any
+    maneuver: Maneuver
+    specification: Any
     noise: SensorNoise = SensorNoise()
     """sensor noise: white and Gaussian, 1 sigma of each channel."""
     imperfections: Imperfections = Imperfections()  # noqa: RUF009
@@ -119,15 +117,88 @@ class DatasetRecipe:
     """observation times kept of each safe rollout."""
     seed: Annotated[int, Bounds(least=0)] = 0
     """seed of every random draw: the same recipe makes the same dataset."""
-    max_rollouts: Annotated[int, Bounds(least=1)] = 1_000_000
+    max_rollouts: Annotated[int, Bounds(least=1)] = 100_000
     """budget of rollouts: a collection that would exceed it stops early."""
-    max_safe: Annotated[int, Bounds(least=1)] = 50_000
+    max_safe: Annotated[int, Bounds(least=1)] = 10_000
     """safe rollouts kept: the first ones; further ones are only counted."""
     pilot: Pilot = later(OpenLoop())  # noqa: RUF009
 
+    sights: ClassVar[Mapping[Axis, Sight]] = SIGHTS
+    """What a pilot sees of the aircraft."""
+    fewer: ClassVar[Mapping[str, Iterable[str]]] = {}
+    """Parts of which it has not all members of their family, and those that it has."""
+    usual_noise: ClassVar[SensorNoise] = USUAL_NOISE
     for_more: ClassVar[str] = "raise the amplitude, lower the limit"
     for_fewer: ClassVar[str] = "lower the amplitude, raise the limit"
     """How more, or fewer, flights of the test fail."""
+
+    def __post_init__(self) -> None:
+        if not 0 < self.dt < self.maneuver.duration_s:
+            raise ValueError(
+                f"dt={self.dt} s was given: it must be positive and shorter than the manoeuvre's "
+                f"{self.maneuver.duration_s:g} s"
+            )
+        check_bounds(self)
+        self.pilot.check(self.maneuver, self.sights)
+        check_steps(self)
+        check_observations(self)
+
+    @property
+    def judged_by(self) -> Specification:
+        """What judges its flights."""
+        return self.pilot.label or self._limits()
+
+    @abstractmethod
+    def _limits(self) -> Specification:
+        """What judges its flights unless the pilot does."""
+
+    @property
+    def most_at_once(self) -> int:
+        """Rollouts that fit in memory together."""
+        return max(1, min(LARGEST_CHUNK, CHUNK_STEPS // self.n_steps))
+
+    @abstractmethod
+    def simulator(self) -> ManeuverSimulator: ...
+
+    def to_plain(self) -> dict[str, Any]:
+        return to_plain(self)
+
+    @property
+    def n_steps(self) -> int:
+        return n_steps(self)
+
+    def as_flown(self) -> Self:
+        """The same test with the usual noise, jitter and imperfections of real flights."""
+        return replace(
+            self,
+            maneuver=by_hand(self.maneuver),
+            noise=self.usual_noise,
+            imperfections=USUAL_IMPERFECTIONS,
+        )
+
+    def as_trained(self) -> Self:
+        """The test as flown by pilots of different softness, to train a monitor for any of them."""
+        flown = self.as_flown()
+        soft = replace(flown.imperfections, softness_s=USUAL_SOFTNESS_S)
+        return replace(flown, imperfections=soft)
+
+
+@dataclass(frozen=True)
+class DatasetRecipe(ManeuverTest):
+    """The planned test of a linear aircraft and how much of it to simulate.
+
+    The default is the usual test of an F-16 with yaw and roll damper: a rudder doublet that exceeds
+    a limit on about a quarter of the aircraft.
+    """
+
+    aircraft: Aircraft = DEFAULT_AIRCRAFT
+    maneuver: Maneuver = MANEUVERS["rudder_doublet"].with_peak(USUAL.doublet_deg)  # noqa: RUF009
+    specification: Limits = Limits(Ny=USUAL.limit_g)  # noqa: RUF009
+    max_rollouts: Annotated[int, Bounds(least=1)] = 1_000_000
+    max_safe: Annotated[int, Bounds(least=1)] = 50_000
+    control_law: ControlLaw = CONTROL_LAWS[USUAL.control_law]
+
+    fewer: ClassVar[Mapping[str, Iterable[str]]] = {"maneuver": LATERAL_MANEUVERS}
 
     def __post_init__(self) -> None:
         if self.maneuver.n_surfaces > LATERAL_SURFACES:
@@ -135,35 +206,13 @@ class DatasetRecipe:
                 "the manoeuvre moves the elevator, which a linear lateral aircraft does not have: "
                 "choose another manoeuvre, or a nonlinear aircraft"
             )
-        if not 0 < self.dt < self.maneuver.duration_s:
-            raise ValueError(
-                f"dt={self.dt} s was given: it must be positive and shorter than the manoeuvre's "
-                f"{self.maneuver.duration_s:g} s"
-            )
-        self.pilot.check(self.maneuver, SIGHTS)
-        check_steps(self)
-        check_bounds(self)
-        check_observations(self)
+        super().__post_init__()
 
     def simulator(self) -> "LateralSimulator":
         return LateralSimulator(self)
 
-    def to_plain(self) -> dict[str, Any]:
-        return to_plain(self)
-
-    @property
-    def judged_by(self) -> Specification:
-        """What judges its flights."""
-        return self.pilot.label or self.specification
-
-    @property
-    def most_at_once(self) -> int:
-        """Rollouts that fit in memory together."""
-        return max(1, min(LARGEST_CHUNK, CHUNK_STEPS // self.n_steps))
-
-    @property
-    def n_steps(self) -> int:
-        return n_steps(self)
+    def _limits(self) -> Specification:
+        return self.specification
 
     @classmethod
     def usual(cls, aircraft: Aircraft) -> "DatasetRecipe":
@@ -175,21 +224,6 @@ class DatasetRecipe:
             maneuver=MANEUVERS["rudder_doublet"].with_peak(usual.doublet_deg),
             specification=Limits(Ny=usual.limit_g),
         )
-
-    def as_flown(self) -> "DatasetRecipe":
-        """The same test with the usual noise, jitter and imperfections of real flights."""
-        return replace(
-            self,
-            maneuver=by_hand(self.maneuver),
-            noise=USUAL_NOISE,
-            imperfections=USUAL_IMPERFECTIONS,
-        )
-
-    def as_trained(self) -> "DatasetRecipe":
-        """The test as flown by pilots of different softness, to train a monitor for any of them."""
-        flown = self.as_flown()
-        soft = replace(flown.imperfections, softness_s=USUAL_SOFTNESS_S)
-        return replace(flown, imperfections=soft)
 
 
 class LateralSimulator(ManeuverSimulator):

@@ -88,7 +88,7 @@ class ModelSimulator(FlightByFlight):
         """End the processes; the next flight starts new ones."""
         self._started.end()
 
-    def _flown(self, theta: Array, inputs: list[Array]) -> tuple[Array, dict[int, str]]:
+    def flown(self, theta: Array, inputs: list[Array]) -> tuple[Array, dict[int, str]]:
         impossible: dict[int, str] = {}
         if not inputs:
             return np.empty((0, 0, 0)), impossible

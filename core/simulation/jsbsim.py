@@ -8,26 +8,33 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from math import ceil
+from importlib.util import find_spec
+from math import ceil, cos, degrees, radians, sin
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
 
-from core.bounds import NOT_NEGATIVE, Bounds
-from core.recipe import instead_of
+from core.bounds import NOT_NEGATIVE, Bounds, check_bounds
+from core.kernels.six_dof import FlightPoint
+from core.recipe import family, instead_of
 from core.simulation.flight_process import Fly
 from core.simulation.point import POSITIVE, Breakpoints, PointRecipe
+from core.simulation.published import FOOT, AircraftClass
 from core.simulation.python_simulator import ImpossibleError
+from core.simulation.simulator import Parameters
 from core.types import Array
 
 LARGEST_STEP = 0.005
 """Step of integration [s]; with longer ones the peaks depend on it."""
-FULL_TRIM, WITHOUT_INITIAL_RUN = 1, 2
+FULL_TRIM, TURN_TRIM, WITHOUT_INITIAL_RUN = 1, 5, 2
 FACTOR = "factor/"
 """Before the name of a function: the property that multiplies it."""
-FOOT = 0.3048
+LARGE_FT, LIGHT_LB = 70.0, 6000.0
+"""Wing span from which, and empty weight up to which, an aircraft is drawn as large or light."""
+PASCAL = 47.880259
+"""In a pound per square foot."""
 PROPERTIES: dict[str, str] = {
     "alpha": "aero/alpha-rad",
     "q": "velocities/q-rad_sec",
@@ -44,6 +51,12 @@ PROPERTIES: dict[str, str] = {
     "delta_r": "fcs/rudder-pos-rad",
 }
 """Outputs of known channels; load factors at the centre of gravity, signs of JSBSim."""
+COMMANDS: dict[str, tuple[str, float]] = {
+    "delta_a": ("fcs/aileron-cmd-norm", -1.0),
+    "delta_r": ("fcs/rudder-cmd-norm", 1.0),
+    "delta_e": ("fcs/elevator-cmd-norm", 1.0),
+}
+"""Stick and pedals, and their signs where delta_a > 0 rolls left: in the order of commands."""
 
 
 @dataclass(frozen=True)
@@ -61,8 +74,83 @@ class JsbsimPoint(PointRecipe):
     inputs: Mapping[str, Breakpoints] = field(default_factory=dict)
 
 
+class Look(NamedTuple):
+    """aircraft_class: its shape, for display."""
+
+    aircraft_class: AircraftClass
+
+
+@dataclass(frozen=True)
+class JsbsimAircraft:
+    """An aircraft of JSBSim, with its own flight controls; each aerodynamic function is uncertain.
+
+    The scatter is assumed. Its files are those of the installed JSBSim.
+    """
+
+    model: str = "c172p"
+    """model of JSBSim: choose a flight condition that it can trim."""
+    spread: Annotated[float, Bounds(least=0)] = 0.1
+    """scatter: of a factor on each aerodynamic function, one sigma."""
+    full_deg: Annotated[float, POSITIVE] = 25.0
+    """full stick or pedal: the command that counts as full, to either side [deg]."""
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+    @property
+    def description(self) -> str:
+        return "an aircraft of JSBSim, six degrees of freedom, with its own flight controls"
+
+    @property
+    def condition(self) -> Look:
+        return Look(_look(self.model) if is_installed() else "light")
+
+    @property
+    def parameters(self) -> Parameters:
+        """ValueError for an unknown aircraft, or without JSBSim."""
+        names = tuple(functions_of(self.model))
+        return Parameters(names, np.ones(len(names)), np.full(len(names), self.spread))
+
+    def in_flight(self, point: FlightPoint, dt: float, keys: Sequence[str]) -> "Jsbsim":
+        """The aircraft trimmed at a point, with aileron, rudder and elevator [rad] as inputs.
+
+        dt: [s] for which inputs are held.   keys: its outputs.
+        """
+        full, scales = radians(self.full_deg), {"V": FOOT, "qbar": PASCAL}
+        outputs = [PROPERTIES.get(key, "aero/qbar-psf") for key in keys]
+        scale = [scales.get(key, 1.0) for key in keys]
+        for k, key in enumerate(keys):
+            if key in COMMANDS and not writes(self.model, outputs[k]):
+                outputs[k], sign = COMMANDS[key]
+                scale[k] = sign * full
+        inputs = [name for name, _ in COMMANDS.values()]
+        return Jsbsim(
+            self.model,
+            point.altitude,
+            point.airspeed,
+            dt,
+            functions_of(self.model),
+            inputs,
+            outputs,
+            scale,
+            [sign / full for _, sign in COMMANDS.values()],
+            point.climb,
+            point.bank,
+            gusts=True,
+        )
+
+
+JSBSIM_AIRCRAFT = family("jsbsim_aircraft", JsbsimAircraft, {"jsbsim": JsbsimAircraft()})
+
+
+def is_installed() -> bool:
+    return find_spec("jsbsim") is not None
+
+
 def functions_of(aircraft: str) -> list[str]:
-    """Names of the aerodynamic functions. ValueError for an unknown aircraft."""
+    """Names of the aerodynamic functions. ValueError for an unknown aircraft, or without JSBSim."""
+    if not is_installed():
+        raise ValueError("an aircraft of JSBSim needs JSBSim: install forewarn[jsbsim]")
     known = aircraft_names()
     if aircraft not in known:
         raise ValueError(f"JSBSim has no aircraft {aircraft!r}: {instead_of(aircraft, known)}")
@@ -97,14 +185,28 @@ def _functions(config: ElementTree.Element) -> list[ElementTree.Element]:
     return config.findall("aerodynamics/axis/function")
 
 
+def _look(aircraft: str) -> AircraftClass:
+    """By the wing span in feet and the empty weight in pounds of its file."""
+    config = _read(aircraft) if aircraft in aircraft_names() else ElementTree.Element("")
+    span, weight = (
+        float(config.findtext(tag, "0")) for tag in ("metrics/wingspan", "mass_balance/emptywt")
+    )
+    if span > LARGE_FT:
+        return "transport"
+    return "light" if weight < LIGHT_LB else "fighter"
+
+
 @dataclass(frozen=True)
 class Jsbsim:
-    """An aircraft, trimmed straight and level before each flight.
+    """An aircraft, trimmed before each flight: straight, or in a turn without sideslip.
 
     altitude: above sea level [m].   speed: true airspeed [m/s].
     dt: [s] for which inputs are held.
     functions: those that theta multiplies.   inputs: properties that the inputs are added to.
     outputs: properties.   scale: (n_outputs,) their factors.
+    gains: (n_inputs,) factors of the inputs; 1 if there are none.
+    climb: flight path angle [rad].   bank: of a turn, about 0 for straight flight [rad].
+    gusts: whether alpha and beta of the air [rad] come after the inputs.
     """
 
     aircraft: str
@@ -115,6 +217,10 @@ class Jsbsim:
     inputs: Sequence[str]
     outputs: Sequence[str]
     scale: Sequence[float]
+    gains: Sequence[float] = ()
+    climb: float = 0.0
+    bank: float = 0.0
+    gusts: bool = False
 
     def load(self) -> Fly:
         return _Aircraft(self).fly
@@ -142,20 +248,38 @@ class _Aircraft:
         fdm.set_dt(model.dt / self._every)
         fdm["simulation/models/FGGroundReactions/enabled"] = 0.0  # a fifth of the time, in free air
         # the first trim begins where none ended, so it is not repeated to the bit
-        self.fly(np.ones(len(model.functions)), np.zeros((1, len(model.inputs))))
+        n_inputs = len(model.inputs) + 2 * model.gusts
+        self.fly(np.ones(len(model.functions)), np.zeros((1, n_inputs)))
 
     def fly(self, theta: Array, inputs: Array) -> Array:
         """Outputs (n_samples, n_outputs) of factors theta. ImpossibleError without a trim."""
         model, fdm, y = self._model, self._fdm, np.empty((len(inputs), len(self._model.outputs)))
         self._trim(theta)
         rest = [fdm[name] for name in model.inputs]
-        for row, commands in zip(y, inputs.tolist(), strict=True):
+        n_inputs = len(rest)
+        commands = inputs[:, :n_inputs] * (model.gains or 1.0)
+        for row, moved, air in zip(
+            y, commands.tolist(), inputs[:, n_inputs:].tolist(), strict=True
+        ):
             row[:] = [fdm[name] for name in model.outputs]
-            for name, at, command in zip(model.inputs, rest, commands, strict=True):
+            for name, at, command in zip(model.inputs, rest, moved, strict=True):
                 fdm[name] = at + command
+            if model.gusts:
+                self._blow(*air)
             for _ in range(self._every):
                 fdm.run()
         return y * model.scale
+
+    def _blow(self, alpha: float, beta: float) -> None:
+        """Air that moves along the body's z and y axes by these angles of the airspeed."""
+        model, fdm = self._model, self._fdm
+        phi, theta, psi = (fdm[f"attitude/{name}-rad"] for name in ("phi", "theta", "psi"))
+        side, down = (model.speed / FOOT * angle for angle in (beta, alpha))
+        level = side * cos(phi) - down * sin(phi)
+        ahead = (side * sin(phi) + down * cos(phi)) * sin(theta)
+        fdm["atmosphere/gust-north-fps"] = ahead * cos(psi) - level * sin(psi)
+        fdm["atmosphere/gust-east-fps"] = ahead * sin(psi) + level * cos(psi)
+        fdm["atmosphere/gust-down-fps"] = (side * sin(phi) + down * cos(phi)) * cos(theta)
 
     def _trim(self, theta: Array) -> None:
         from jsbsim import TrimFailureError
@@ -168,15 +292,18 @@ class _Aircraft:
             fdm[FACTOR + name] = factor
         fdm["gear/gear-cmd-norm"] = fdm["gear/gear-pos-norm"] = 0.0
         fdm["ic/h-sl-ft"], fdm["ic/vt-fps"] = model.altitude / FOOT, model.speed / FOOT
-        fdm["ic/gamma-deg"] = fdm["ic/beta-deg"] = 0.0
+        fdm["ic/beta-deg"], fdm["ic/gamma-deg"] = 0.0, degrees(model.climb)
+        fdm["ic/phi-deg"] = degrees(model.bank)
         fdm.run_ic()
         fdm["propulsion/set-running"] = -1
         try:
-            fdm.do_trim(FULL_TRIM)
+            fdm.do_trim(TURN_TRIM if model.bank else FULL_TRIM)
         except TrimFailureError:
+            turn = f" in a turn with {degrees(model.bank):.3g} deg of bank" if model.bank else ""
+            less = ", a smaller load factor" if model.bank else ""
             raise ImpossibleError(
-                f"it has no trim at {model.speed:g} m/s and {model.altitude:g} m: give another "
-                "speed, or smaller spreads"
+                f"it has no trim at {model.speed:.4g} m/s and {model.altitude:g} m{turn}: give "
+                f"another speed{less}, or smaller spreads"
             ) from None
 
 

@@ -127,7 +127,7 @@ class FlightByFlight(ABC):
         """For messages."""
 
     @abstractmethod
-    def _flown(self, theta: Array, inputs: list[Array]) -> tuple[Array, dict[int, str]]:
+    def flown(self, theta: Array, inputs: list[Array]) -> tuple[Array, dict[int, str]]:
         """Outputs (n, n_samples, n_channels) of theta (n, n_parameters), inputs of each flight,
         and why some, by number, cannot be flown; their outputs are undefined."""
 
@@ -140,13 +140,13 @@ class FlightByFlight(ABC):
 
     def rollouts(self, n: int, rng: np.random.Generator) -> tuple[Array, None, Array]:
         theta = parameters_of(self).sample(n, rng)
-        y, theta, n_redrawn = self._redrawn(theta, self._inputs(n, rng))
+        y, theta, n_redrawn = self.drawn_again(theta, self._inputs(n, rng))
         self.drawn[False] += n
         self.drawn[True] += n_redrawn
         return y, None, theta
 
     def fly(self, theta: Array, rng: np.random.Generator) -> tuple[Array, None, Array]:
-        y, impossible = self._flown(theta, self._inputs(len(theta), rng))
+        y, impossible = self.flown(theta, self._inputs(len(theta), rng))
         if impossible:
             k = min(impossible)
             raise self._refused(theta, k, impossible[k])
@@ -162,12 +162,12 @@ class FlightByFlight(ABC):
             "trim, and were drawn again: the promise is for those that can"
         )
 
-    def _redrawn(self, theta: Array, inputs: list[Array]) -> tuple[Array, Array, int]:
+    def drawn_again(self, theta: Array, inputs: list[Array]) -> tuple[Array, Array, int]:
         """Outputs and theta of flights, of which impossible ones are drawn again, and how often.
 
         The next draw depends on theta alone, so `rollouts` and `stopping` agree.
         """
-        y, impossible = self._flown(theta, inputs)
+        y, impossible = self.flown(theta, inputs)
         theta, parameters, n = theta.copy(), parameters_of(self), 0
         for _ in range(MOST_DRAWS):
             if not impossible:
@@ -177,7 +177,7 @@ class FlightByFlight(ABC):
             for k in which:
                 seed = np.random.SeedSequence(theta[k].view(np.uint32).tolist())
                 theta[k] = parameters.sample(1, np.random.default_rng(seed))[0]
-            again, still = self._flown(theta[which], [inputs[k] for k in which])
+            again, still = self.flown(theta[which], [inputs[k] for k in which])
             if len(again):
                 y[which] = again
             impossible = {which[k]: reason for k, reason in still.items()}
@@ -196,7 +196,7 @@ class FlightByFlight(ABC):
             inputs = [drawn[k].copy() for k in which]
             for some, k in zip(inputs, neutral_from, strict=True):
                 some[k:] = some[0]
-            return self._redrawn(theta[which], inputs)[0]
+            return self.drawn_again(theta[which], inputs)[0]
 
         return stopped
 
@@ -239,7 +239,7 @@ class FunctionSimulator(FlightByFlight):
         name = getattr(self.function, "__name__", type(self.function).__name__)
         return f"{name} ({Path(file).name}, line {line})" if file else name
 
-    def _flown(self, theta: Array, inputs: list[Array]) -> tuple[Array, dict[int, str]]:
+    def flown(self, theta: Array, inputs: list[Array]) -> tuple[Array, dict[int, str]]:
         flights, names = [], list(self.parameters)
         keys = self.measured
         for k, (values, each) in enumerate(zip(theta.tolist(), inputs, strict=True)):

@@ -169,7 +169,7 @@ def test_the_catalog_offers_nonlinear_aircraft_and_their_manoeuvres(tmp_path: Pa
     }
     assert "wind_up_turn" in of_tests["nonlinear"]["enum"]
     assert "wind_up_turn" not in of_tests["dataset"]["enum"]
-    usual = published["families"]["maneuver"]["entries"]["wind_up_turn"]["usual_test"]
+    usual = published["families"]["maneuver"]["entries"]["wind_up_turn"]["usual_tests"]["nonlinear"]
     assert usual["condition"]["load_factor"] == 2.0
     assert usual["limits"]["alpha_high_deg"] == 17.5
     assert usual["limits"]["Nz_high"] is None

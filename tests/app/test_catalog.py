@@ -167,7 +167,7 @@ def test_every_parameter_is_called_by_the_fields_words_and_not_by_its_identifier
 @pytest.mark.parametrize("name", SCHEMAS)
 def test_every_choice_is_called_by_the_fields_words(name):
     for path, key, entry in _parameters(SCHEMAS[name], name):
-        if "enum" in entry:
+        if "enum" in entry and key != "model":  # the names of JSBSim
             assert entry["x-labels"] == [CHOICES[key][choice] for choice in entry["enum"]], path
 
 

@@ -38,16 +38,18 @@ from core.channels import BY_KEY, KEYS
 from core.evaluation.study import StudyRecipe
 from core.limits.flight_limits import ALL_CHANNELS, LoadLimits
 from core.monitor import MonitorRecipe
-from core.planned_test.nonlinear_test import NonlinearTest
+from core.planned_test.nonlinear_test import SixDofTest
 from core.planned_test.planned_test import DatasetRecipe
 from core.recipe import family_of, instead_of
 from core.simulation.aircraft import AIRCRAFT, MatrixAircraft
 from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.imperfections import Imperfections
+from core.simulation.jsbsim import JSBSIM_AIRCRAFT
 from core.simulation.maneuver import MANEUVERS
 from core.simulation.nonlinear_aircraft import NONLINEAR_AIRCRAFT
 from core.simulation.pilot import PILOTS, Crossover
 
+SIX_DOF_AIRCRAFT = NONLINEAR_AIRCRAFT | JSBSIM_AIRCRAFT
 MOST_DELAY = 10
 """Most past outputs in an observation, however short the interval."""
 IMPERFECTIONS = "dataset.imperfections"
@@ -113,7 +115,7 @@ def add_recipe_options(
     option(
         group,
         "--aircraft NAME|FILE",
-        f"{', '.join((*AIRCRAFT, *NONLINEAR_AIRCRAFT))}, or a JSON file of matrices; also sets "
+        f"{', '.join((*AIRCRAFT, *SIX_DOF_AIRCRAFT))}, or a JSON file of matrices; also sets "
         "the aircraft's control law, doublet and limit",
     )
     option(group, "--control-law NAME", ", ".join(CONTROL_LAWS))
@@ -183,7 +185,7 @@ def plain_recipe(options: argparse.Namespace) -> dict[str, Any]:
     if not isinstance(plain, dict):
         raise RecipeError(f"{options.recipe} is not a JSON object: begin it with {{")
     unsaid: Imperfect = options.usual_imperfections
-    if options.aircraft in NONLINEAR_AIRCRAFT:
+    if options.aircraft in SIX_DOF_AIRCRAFT:
         set_path(plain, "dataset.aircraft.kind", options.aircraft)
     plain["dataset"] = as_ordered(plain.get("dataset", {}), unsaid, options.imperfections)
     for path, value in vars(options).items():
@@ -203,7 +205,7 @@ def plain_recipe(options: argparse.Namespace) -> dict[str, Any]:
         set_path(plain, "dataset.maneuver.kind", options.maneuver)
     if options.pilot is not None:
         set_path(plain, "dataset.pilot.kind", options.pilot)
-    if options.limit and isinstance(default_test(plain["dataset"]), NonlinearTest):
+    if options.limit and isinstance(default_test(plain["dataset"]), SixDofTest):
         set_path(plain, f"dataset.{STORED_LIMITS}", flight_limits(options.limit))
     elif options.limit:
         limits = dict.fromkeys(KEYS) | dict(map(channel_value, options.limit))

@@ -5,10 +5,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from app.recipes.recipes import SimulatedHere, from_plain, simulated_test
+from app.recipes.recipes import from_plain, simulated_test
 from core.planned_test.collection import DatasetRecipe, Rollouts
 from core.planned_test.maneuver_simulator import ManeuverSimulator
-from core.planned_test.planned_test import LateralSimulator
+from core.planned_test.planned_test import LateralSimulator, ManeuverTest
 from core.simulation.aircraft import Aircraft, PublishedAircraft
 from core.simulation.attitude import attitude, attitude_of
 from core.simulation.imperfections import Imperfections
@@ -53,7 +53,7 @@ def times(n: int, dt: float) -> Array:
 
 
 def simulate(
-    recipe: SimulatedHere,
+    recipe: ManeuverTest,
     seed: int = 0,
     theta: dict[str, float] | None = None,
     outcome: Literal["any", "unsafe", "safe"] = "any",
@@ -122,7 +122,7 @@ def _track(simulator: ManeuverSimulator, rollouts: Rollouts, i: int) -> Track:
     )
 
 
-def planned_attitude(recipe: SimulatedHere, n: int) -> Array | None:
+def planned_attitude(recipe: ManeuverTest, n: int) -> Array | None:
     """Attitude (n, 3) [rad] of the test on the nominal aircraft, flown and measured exactly.
 
     None where it has fewer samples, or none that are finite.

@@ -36,7 +36,7 @@ from app.flights.sources.simulated import (
 from app.flights.sources.udp import UdpAccess
 from app.json_codec import Whole
 from app.messages import Mode
-from app.recipes.recipes import SimulatedHere, default_test, from_plain, simulated_test
+from app.recipes.recipes import default_test, from_plain, simulated_test
 from app.recordings.files import digest_of
 from app.recordings.flown_journal import journal_damage
 from app.recordings.scored import ScoredRecordings
@@ -47,6 +47,7 @@ from app.telemetry.journal import Journals, lines_of
 from app.telemetry.mapping.mapping import Mapping
 from core.channels import Dictionary
 from core.monitor import Monitor
+from core.planned_test.planned_test import ManeuverTest
 from core.simulation.attitude import attitude_of
 
 FIRST_FREE_PORT = 1024
@@ -370,7 +371,7 @@ def journal_setup(opening: Opening, flight_id: str) -> LiveSetup:
     return live.setup(opening, header_of(journals.path(flight_id)))
 
 
-def _recipe(request: Simulated, store: Store, monitor: Monitor) -> SimulatedHere:
+def _recipe(request: Simulated, store: Store, monitor: Monitor) -> ManeuverTest:
     plain = request.recipe
     if request.dataset is not None:
         if plain is not None:

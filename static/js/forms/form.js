@@ -92,6 +92,7 @@ function family(key, schema, value, place) {
     kinds.map((kind) => entries[kind]).map((entry) => [entry.kind, isAircraft ? aircraftCondition(entry) : entry.label]),
     { "aria-label": label, name: `${place.path}.kind`, onchange: () => turn(choice.value) },
   );
+  choice.hidden = kinds.length === 1;
   const words = h("p.hint");
   const holder = h("div.stack-tight");
   const element = h("fieldset", { "data-path": place.path }, h("legend", label), h("div.field", choice, words), holder);

@@ -10,7 +10,7 @@
  */
 
 import { needs, reason } from "../lib/api.js";
-import { isSimulated, limitsOfMonitor, testRecipe, testWords } from "../lib/catalog.js";
+import { isSimulated, limitsOfMonitor, testModel, testWords } from "../lib/catalog.js";
 import { button, errorLine, formatted, h } from "../lib/dom.js";
 import { counted, figure, followUnits, moment, percent } from "../lib/numbers.js";
 import { fieldset, fold, inWords, radioGroup, select } from "./controls.js";
@@ -25,12 +25,14 @@ const OPEN = ["condition", "limits"];
 const MODELS = [
   ["dataset", "Linear, lateral motion"],
   ["nonlinear", "Nonlinear, six degrees of freedom"],
+  ["jsbsim", "JSBSim"],
 ];
 
 /** withGroups: with the field of the groups of failing rollouts. */
 export function createTestFields({ api, catalog, initial = null, asFlown = true, withGroups = false }) {
-  const nonlinear = testRecipe(catalog, initial ?? {}) === catalog.recipes.nonlinear;
-  const model = radioGroup({ name: "model", ways: MODELS, value: nonlinear ? "nonlinear" : "dataset", onchange: () => turn(), label: "model of the aircraft" });
+  const value = testModel(catalog, initial ?? {});
+  const ways = MODELS.map(([name, words]) => [name, words, missing(catalog.recipes[name])]);
+  const model = radioGroup({ name: "model", ways, value, onchange: () => turn(), label: "model of the aircraft" });
   const [main, folded, size] = [h("div.stack"), h("div"), h("div")];
   let fields;
   turn(initial);
@@ -44,7 +46,7 @@ export function createTestFields({ api, catalog, initial = null, asFlown = true,
   return { fields: shown, main: h("div.stack", model.element, main), folded, size };
 
   function turn(begun = null) {
-    const parts = fieldsOf({ api, catalog, recipe: catalog.recipes[model.value()], initial: begun, asFlown, withGroups });
+    const parts = fieldsOf({ api, catalog, model: model.value(), initial: begun, asFlown, withGroups });
     fields = parts.fields;
     main.replaceChildren(parts.main);
     folded.replaceChildren(parts.folded);
@@ -52,7 +54,11 @@ export function createTestFields({ api, catalog, initial = null, asFlown = true,
   }
 }
 
-function fieldsOf({ api, catalog, recipe, initial, asFlown, withGroups }) {
+/** What a way shows where the server lacks what simulates it. */
+const missing = ({ needs: name }) => (name ? { disabled: true, beside: h("span.hint", ` needs ${name} on the server: pip install '${name}'`) } : {});
+
+function fieldsOf({ api, catalog, model, initial, asFlown, withGroups }) {
+  const recipe = catalog.recipes[model];
   const { schema, default: clean, usual } = recipe;
   const begun = { ...(asFlown && !initial ? usual : clean), ...initial };
   const fields = createFields(schema, begun, { catalog, path: "dataset", unfolded: OPEN });
@@ -69,30 +75,24 @@ function fieldsOf({ api, catalog, recipe, initial, asFlown, withGroups }) {
     objects.map(fields.element),
     withGroups && fields.element(GROUPS),
   );
-  if (recipe === catalog.recipes.nonlinear) beginWithUsualTest(fields, main, catalog, "maneuver");
-  else {
-    beginWithUsualTest(fields, main, catalog, "aircraft");
-    beginWithUsualTest(fields, main, catalog, "maneuver", ["pilot"]);
-  }
+  beginWithUsualTest(fields, main, catalog, model);
   main.append(amplitudeSuggestion(fields, api));
   return { fields, main, folded, size: fields.element(SIZE) };
 }
 
 /**
- * A new aircraft brings its control law, manoeuvre and limits, a new manoeuvre of a nonlinear one its limits and condition,
- * except those changed by hand; a capture brings its pilot.   leading: "aircraft" or "maneuver"
- *   parts: those that it brings; all if absent
+ * A new aircraft or manoeuvre brings its usual test with this model: control law, manoeuvre, limits, condition or pilot,
+ * except those changed by hand.
  */
-function beginWithUsualTest(fields, element, catalog, leading, parts = null) {
+function beginWithUsualTest(fields, element, catalog, model) {
   const byHand = new Set();
   element.addEventListener("change", ({ target, isTrusted }) => {
-    const part = target.name?.split(".")[1];
-    if (part !== leading && isTrusted) byHand.add(part);
-    if (target.name !== `dataset.${leading}.kind`) return;
-    const begun = { ...catalog.families[leading].entries[target.value].usual_test };
+    const [, part, name] = target.name?.split(".") ?? [];
+    if (isTrusted) byHand.add(part);
+    if (name !== "kind") return;
+    const begun = { ...catalog.families[part]?.entries[target.value]?.usual_tests?.[model] };
     if (begun.maneuver) begun.maneuver = { ...begun.maneuver, ...flownBefore() };
-    for (const [key, value] of Object.entries(begun))
-      if (!byHand.has(key) && (parts === null || parts.includes(key))) fields.put(key, value);
+    for (const [key, value] of Object.entries(begun)) if (!byHand.has(key)) fields.put(key, value);
   });
 
   function flownBefore() {
@@ -176,7 +176,7 @@ export function datasetChoice({ api, catalog, datasets, chosen, initial = null, 
     },
     failures,
     isOwn,
-    choosesMethod: () => isOwn() || testRecipe(catalog, fromStore() ? dataset().recipe : fields.read()) === catalog.recipes.nonlinear,
+    choosesMethod: () => isOwn() || testModel(catalog, fromStore() ? dataset().recipe : fields.read()) !== "dataset",
     isSimulated: () => !fromStore(),
   };
 

@@ -24,16 +24,21 @@ export function methodWords(catalog, recipe) {
 
 export function aircraftName(catalog, part) {
   if (part?.base) return `${aircraftName(catalog, part.base)}, identified`;
-  const { aircraft, nonlinear_aircraft: nonlinear } = catalog.families;
+  const { aircraft, nonlinear_aircraft: nonlinear, jsbsim_aircraft: jsbsim } = catalog.families;
+  if (part?.kind in jsbsim.entries) return `JSBSim ${part.model}`;
   const entry = aircraft.entries[part?.kind] ?? nonlinear.entries[part?.kind];
   // an aircraft's description begins with its name: "F-104A, Mach 0.8, sea level, ...; source"
   return entry ? entry.description.split(/[,;]/)[0] : (part?.kind ?? "not recorded");
 }
 
-/** The catalog's recipe of a simulated test: that of its aircraft. */
-export function testRecipe({ families, recipes }, test = null) {
-  return test?.aircraft?.kind in families.nonlinear_aircraft.entries ? recipes.nonlinear : recipes.dataset;
+/** The name of the catalog's recipe of a simulated test: that of its aircraft. */
+export function testModel({ families }, test = null) {
+  const isOf = (family) => test?.aircraft?.kind in families[family].entries;
+  if (isOf("jsbsim_aircraft")) return "jsbsim";
+  return isOf("nonlinear_aircraft") ? "nonlinear" : "dataset";
 }
+
+export const testRecipe = (catalog, test) => catalog.recipes[testModel(catalog, test)];
 
 export function kindName(catalog, family, part) {
   return catalog.families[family].entries[part?.kind]?.label ?? part?.kind ?? "not recorded";
@@ -57,13 +62,16 @@ export function testNames(catalog, entry) {
 
 const ALTITUDE = { key: "altitude", symbol: "h", unit: "m", label: "altitude" };
 
-/** Facts of the model and the trim condition of a nonlinear aircraft's test; none for others. */
+const MODELS = { nonlinear: "nonlinear, six degrees of freedom", jsbsim: "JSBSim, with the flight controls of the aircraft" };
+
+/** Facts of the model and the trim condition of a test in six degrees of freedom; none for others. */
 export function modelFacts(catalog, { condition, ...test }) {
-  if (testRecipe(catalog, test) !== catalog.recipes.nonlinear) return [];
+  const model = MODELS[testModel(catalog, test)];
+  if (!model) return [];
   const { altitude_m: altitude, mach, load_factor: load, path_deg: path } = condition;
   const words = [`Mach ${figure(mach)}`, magnitudeIn(ALTITUDE, altitude), load > 1 ? `turn at ${figure(load)} g` : "straight flight"];
   if (path !== 0) words.push(`path ${figure(path)} deg`);
-  return [["Model", "nonlinear, six degrees of freedom"], ["Condition", words.join(", ")]];
+  return [["Model", model], ["Condition", words.join(", ")]];
 }
 
 export function testWords(catalog, entry) {

@@ -175,8 +175,8 @@ function createRecordedOrigin({ catalog, recorded, changed }) {
 /** The usual test of the aircraft, with what the recording shows in place of it. */
 function testOf(catalog, kind, shown) {
   const { dataset } = catalog.recipes;
-  const { usual_test: test, default: aircraft } = catalog.families.aircraft.entries[kind];
-  const usual = { ...dataset.usual, ...test, aircraft: { kind, ...aircraft } };
+  const { usual_tests: tests, default: aircraft } = catalog.families.aircraft.entries[kind];
+  const usual = { ...dataset.usual, ...tests.dataset, aircraft: { kind, ...aircraft } };
   usual.maneuver = { ...usual.maneuver, ...scatterOf(dataset, "as_flown") };
   for (const [key, value] of Object.entries(shown)) usual[key] = isSame(usual[key], value) ? { ...usual[key], ...value } : value;
   return usual;

@@ -8,7 +8,7 @@ from typing import Any
 
 import httpx2
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 
 from app.catalog import catalog
 from app.store.store import Store
@@ -166,6 +166,49 @@ def test_a_capture_brings_its_pilot(page: Page, site: Site) -> None:
     expect(pilot).to_have_value("crossover")
     field(page, "dataset.maneuver.kind").select_option("rudder_doublet")
     expect(pilot).to_have_value("open_loop")
+
+
+def test_an_aircraft_of_jsbsim_is_simulated_by_the_form(
+    page: Page, site: Site, allowed_errors: list[str]
+) -> None:
+    allowed_errors.append("422")
+    pytest.importorskip("jsbsim", reason="JSBSim is not installed: the extra jsbsim")
+    page.goto(f"{site.http}/#/datasets/new")
+    page.get_by_role("radio", name="JSBSim").check()
+    expect(field(page, "dataset.aircraft.model")).to_have_value("c172p")
+    expect(field(page, "dataset.control_law.kind")).to_have_count(0)
+    field(page, "dataset.maneuver.kind").select_option("wind_up_turn")
+    expect(field(page, "dataset.condition.load_factor")).to_have_value("1.4")
+    field(page, "dataset.maneuver.kind").select_option("rudder_doublet")
+    expect(field(page, "dataset.limits.beta_deg")).to_have_value("5")
+    expect(field(page, "dataset.limits.Nz_high")).to_have_value("")
+    field(page, "dataset.maneuver.kind").select_option("pitch_doublet")
+    field(page, "dataset.maneuver.amplitude_deg").fill("-7")
+    field(page, "dataset.aircraft.model").select_option("737")
+    field(page, "dataset.condition.mach").fill("0.1")
+    field(page, "dataset.n_unsafe").fill("4")
+    page.get_by_role("button", name="Simulate", exact=True).click()
+    expect(page.get_by_role("form")).to_contain_text("no trim at 33.45 m/s and 1500 m")
+    field(page, "dataset.aircraft.model").select_option("c172p")
+    field(page, "dataset.condition.mach").fill("0.165")
+    page.get_by_role("button", name="Simulate", exact=True).click()
+    expect(page.get_by_role("heading", level=1)).to_contain_text("JSBSim c172p", timeout=SLOW)
+    expect(page.locator("main")).to_contain_text("Mach 0.165")
+
+
+def test_without_jsbsim_the_form_names_the_extra(page: Page, site: Site) -> None:
+    def without(route: Route) -> None:
+        published = route.fetch().json()
+        published["recipes"]["jsbsim"]["needs"] = "forewarn[jsbsim]"
+        route.fulfill(json=published)
+
+    page.route("**/api/v1/catalog", without)
+    page.goto(f"{site.http}/#/datasets/new")
+    page.reload()
+    expect(page.get_by_role("radio", name="JSBSim")).to_be_disabled()
+    expect(page.get_by_role("form")).to_contain_text("pip install 'forewarn[jsbsim]'")
+    page.unroute("**/api/v1/catalog")
+    page.reload()
 
 
 def test_an_amplitude_is_suggested_for_another_limit(

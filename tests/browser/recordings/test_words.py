@@ -30,7 +30,8 @@ def test_a_test_of_own_rollouts_has_one_name(strips: Open) -> None:
     words = """async (monitor) => {
         const { testWords } = await import("/static/js/lib/catalog.js");
         const none = { entries: {} };
-        const families = { aircraft: none, nonlinear_aircraft: none, maneuver: none };
+        const six = { nonlinear_aircraft: none, jsbsim_aircraft: none };
+        const families = { aircraft: none, ...six, maneuver: none };
         return testWords({ families }, monitor);
     }"""
     page = strips()
