@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from app.telemetry.contents import ColumnWriter, Contents
+from app.telemetry.contents import MOST_SIGNALS, ColumnWriter, Contents
 from app.telemetry.readers.ch10_packets import HEADER, TICKS, TURN, Packet, packets, ticks_between
 from app.telemetry.readers.signal_tables import (
     Column,
@@ -94,19 +94,21 @@ class Series:
         self.values.extend(values)
         self.values.extend([nan] * (len(self.labels) - len(values)))
 
-    def table(self, name: str, measurements: Sequence[Measurement]) -> SignalTable:
+    def table(
+        self, name: str, measurements: Sequence[Measurement], with_raw: bool = True
+    ) -> SignalTable:
         """One column per label, without those at the end that never have a value, and one per
         measurement."""
         samples = np.asarray(self.values).reshape(-1, len(self.labels))
         width = 1 + int(np.flatnonzero(~np.isnan(samples).all(axis=0)).max(initial=-1))
-        labels = dict([*self.labels.items()][:width])
+        labels = dict([*self.labels.items()][: width * with_raw])
         n_bits = [*self.labels.values()][self.word]
 
         def pieces() -> Pieces:
             yield 0, np.asarray(self.times) / TICKS
-            yield from enumerate(samples.T[:width], start=1)
-            words = samples[:, self.word : width]
-            yield from enumerate((m.counts(words, n_bits) for m in measurements), start=1 + width)
+            yield from enumerate(samples.T[: len(labels)], start=1)
+            counts = (m.counts(samples[:, self.word : width], n_bits) for m in measurements)
+            yield from enumerate(counts, start=1 + len(labels))
 
         return SignalTable((name,), _columns(name, labels, measurements), len(samples), pieces)
 
@@ -124,18 +126,21 @@ class Sampled:
         self.times.append(time)
         self.blocks.append(block)
 
-    def table(self, name: str, measurements: Sequence[Measurement]) -> SignalTable:
+    def table(
+        self, name: str, measurements: Sequence[Measurement], with_raw: bool = True
+    ) -> SignalTable:
         n_bits = next(iter(self.labels.values()))
+        labels = self.labels if with_raw else {}
 
         def pieces() -> Pieces:
             for times, block in zip(self._times(), self.blocks, strict=True):
                 yield 0, times / TICKS
-                yield from enumerate(block.T, start=1)
+                yield from enumerate(block.T[: len(labels)], start=1)
                 counts = (measurement.counts(block, n_bits) for measurement in measurements)
-                yield from enumerate(counts, start=1 + len(self.labels))
+                yield from enumerate(counts, start=1 + len(labels))
 
         n_rows = sum(map(len, self.blocks))
-        return SignalTable((name,), _columns(name, self.labels, measurements), n_rows, pieces)
+        return SignalTable((name,), _columns(name, labels, measurements), n_rows, pieces)
 
     def _times(self) -> Iterator[Array]:
         """Ticks of the samples, spread evenly up to the next packet unless there is a gap."""
@@ -241,16 +246,24 @@ class PacketReader:
         self.series[name].add(self.ticks(time), values)
 
     def tables(self) -> list[SignalTable]:
-        """The series by name; analog samples of a single packet have no known rate."""
+        """The series by name; analog samples of a single packet have no known rate.
+
+        If all would be too many signals, measurements come without the words around them.
+        """
         timed = {name: series for name, series in self.analog.items() if len(series.times) > 1}
         untimed = len(self.analog) - len(timed)
         self.not_decoded.update(["analog channels of one packet"] * untimed)
         of_place = self.setup.recorded({each.place for each in (self.series | timed).values()})
         self.n_named = len({m.name for measurements in of_place.values() for m in measurements})
-        return [
-            series.table(name, of_place.get(series.place, ()))
-            for name, series in sorted((self.series | timed).items())
-        ]
+        every = sorted((self.series | timed).items())
+        tables = [each.table(name, of_place.get(each.place, ())) for name, each in every]
+        if not of_place or sum(len(table.columns) for table in tables) <= MOST_SIGNALS:
+            return tables
+        named = [(name, each) for name, each in every if each.place in of_place]
+        self.not_decoded[f"groups without raw words, to stay below {MOST_SIGNALS} signals"] = len(
+            every
+        )
+        return [each.table(name, of_place[each.place], with_raw=False) for name, each in named]
 
     def ignored(self) -> list[str]:
         """Kinds of content that were not decoded, with their number."""

@@ -24,14 +24,15 @@ LINKS = ("CDLN", "BDLN", "PDLN", "DSI")
 BITS_1553, BITS_429 = 16, 32
 MOST_BITS = 52
 MOST_NAMED = 8
+CHANGED = "Set-up record: it changes within the file; the last one counts."
 KINDS = {"UNS": "", "TWO": "signed", "OFF": "", "BCD": "bcd"}
 """Kinds of bit fields by binary format."""
 ON_A_LINE = 1e-6
 """Largest distance of a pair set from a straight line, as a share of its range."""
 STATUS = BitField(30, 31)
-NO_DATA, TEST = 1, 2
-"""States of an ARINC 429 word of any kind."""
-NORMAL = 3
+NORMAL, PLUS = 3, 0
+"""States of an ARINC 429 word with data: of a signed one, and of other kinds besides. In all kinds
+1 is no computed data and 2 a functional test."""
 
 
 class Place(NamedTuple):
@@ -79,11 +80,9 @@ class Measurement:
     def counts(self, words: npt.NDArray[Any], n_bits: int) -> Array:
         """Raw counts (n,), NaN where missing.   words: (n, n_words).   n_bits: of a word."""
         fields = [(_word(words, run.word), run.low, run.high or n_bits) for run in self.runs]
-        is_arinc = self.place.kind == "429"
         if len(fields) == 1:
             (raw, low, high), *_ = fields
-            kind = "bnr" if is_arinc and self.kind == "signed" else self.kind
-            values = BitField(low, high, kind).of(raw)
+            values = BitField(low, high, self.kind).of(raw)
         else:
             values, n_bits = np.zeros(len(fields[0][0])), 0
             for raw, low, high in fields:
@@ -91,10 +90,11 @@ class Measurement:
                 n_bits += high - low + 1
             if self.kind == "signed":
                 values = np.where(values < 2.0 ** (n_bits - 1), values, values - 2.0**n_bits)
-        if is_arinc:
-            status = STATUS.of(fields[0][0])
-            values = np.where((status == NO_DATA) | (status == TEST), np.nan, values)
-        return values
+        if self.place.kind != "429":
+            return values
+        status = STATUS.of(fields[0][0])
+        allowed = (NORMAL,) if self.kind == "signed" else (NORMAL, PLUS)
+        return np.where(np.isin(status, allowed), values, np.nan)
 
 
 def _word(words: npt.NDArray[Any], number: int) -> Array:
@@ -111,21 +111,27 @@ Attributes = dict[str, dict[tuple[int, ...], str]]
 class SetupRecord:
     """Attributes of the set-up records of a file, by group and its number.
 
-    faults: measurements without a place or a scale, by reason.
+    faults: measurements without a place or a scale, by reason.   rest: beginning of an attribute
+    that the next packet continues.   is_changed: whether a later record has other values.
     """
 
     groups: dict[tuple[str, int], Attributes] = field(default_factory=dict)
     faults: dict[str, list[str]] = field(default_factory=lambda: defaultdict(list))
+    rest: bytes = b""
+    is_changed: bool = False
 
     def add(self, text: bytes) -> None:
         """Read attributes, CODE:value; in turn; later ones replace earlier ones."""
-        for line in text.decode("utf-8", "replace").split(";"):
-            code, _, value = line.partition(":")
+        *lines, self.rest = (self.rest + text).split(b";")
+        for line in lines:
+            code, _, value = line.decode("utf-8", "replace").partition(":")
             if match := CODE.fullmatch(code.strip().upper()):
                 group, number, name, numbers = match.groups()
                 attributes = self.groups.setdefault((group, int(number)), {})
                 place = tuple(map(int, numbers.split("-")[1:]))
-                attributes.setdefault(name, {})[place] = value.strip()
+                entries = attributes.setdefault(name, {})
+                self.is_changed |= entries.get(place, value.strip()) != value.strip()
+                entries[place] = value.strip()
 
     def channel_names(self) -> dict[int, str]:
         """Names of the data sources by channel number."""
@@ -162,11 +168,11 @@ class SetupRecord:
 
     def notes(self) -> list[str]:
         """Measurements without a place or a scale, and the reasons."""
-        return [
-            f"Set-up record: {reason}: {', '.join(names[:MOST_NAMED])}"
-            + (f" and {len(names) - MOST_NAMED} more." if len(names) > MOST_NAMED else ".")
-            for reason, names in self.faults.items()
-        ]
+        notes = [CHANGED] if self.is_changed else []
+        for reason, names in self.faults.items():
+            more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+            notes.append(f"Set-up record: {reason}: {', '.join(names[:MOST_NAMED])}{more}.")
+        return notes
 
     def _channels(self) -> Iterator[tuple[Attributes, tuple[int, ...], int]]:
         """(attributes of the recorder, numbers of the entry, channel)."""

@@ -5,15 +5,18 @@ import re
 from datetime import timedelta
 from pathlib import Path
 
+import numpy as np
 import pytest
 from playwright.sync_api import Locator, Page, Route, expect
 
+from core.channels import KEYS
 from tests.browser.recorded_site import (
     BAD_LINE,
     OUTCOMES,
     RecordedSite,
 )
 from tests.browser.site import open_site
+from tests.support import ch10_flight
 from tests.support.clocks import CLOCKS, COUNTS, EVEN, T0
 
 WORDS = {"quiet": "QUIET", "timely_alert": "LIMIT EXCEEDED, warned", "invalid": "INVALID"}
@@ -152,6 +155,28 @@ def test_raw_counts_are_scaled_and_stay_so(
     page.reload()
     page.locator(".mapping > summary").click()
     expect(counts.locator("summary")).to_have_text("0.5 × raw − 20")
+
+
+def test_the_scale_that_a_file_declares_comes_with_its_signal(
+    page: Page, site: RecordedSite
+) -> None:
+    t = 0.05 * np.arange(200)
+    values = {key: 4.0 * np.sin((1 + k) * t) for k, key in enumerate(KEYS)}
+    values["Ny"] = 0.1 * values["Ny"]
+    content, _, _ = ch10_flight.recorded(values, 0.05)
+    page.goto(f"{site.http}/#/recordings/{site.upload('flight.ch10', content)}")
+    summary = row(page, "beta").locator(".map-counts > summary")
+    words = row(page, "beta").locator(".mini-words")
+    expect(summary).to_have_text("0.00549316 × raw")
+    expect(words).to_have_text(re.compile(r"^−4(\.0*)? to 4(\.0*)? deg$"))
+    expect(row(page, "Ny").locator(".map-counts > summary")).to_have_text("0.0001 × raw − 2")
+    choice = page.get_by_label("signal of sideslip β")
+    choice.focus()
+    choice.select_option("signal:1553 channel 5 (NAV) from RT03 SA02/word 01")
+    expect(summary).to_have_text("numbers as recorded")
+    choice.select_option("signal:BETA")
+    expect(summary).to_have_text("0.00549316 × raw")
+    expect(words).to_have_text(re.compile(r"^−4(\.0*)? to 4(\.0*)? deg$"))
 
 
 def test_a_mapping_confirmed_over_a_warning_stays_marked(page: Page, site: RecordedSite) -> None:

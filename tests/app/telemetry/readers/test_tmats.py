@@ -13,6 +13,7 @@ from app.main import STATIC
 from app.telemetry.mapping.applying import apply_mapping
 from app.telemetry.mapping.mapping import ChannelSource, Mapping
 from app.telemetry.mapping.proposal import propose
+from app.telemetry.readers import ch10
 from app.telemetry.readers.tmats import Place, SetupRecord
 from app.telemetry.recording import TelemetryError
 from core.channels import KEYS
@@ -165,6 +166,16 @@ def test_a_measurement_without_a_place_is_named_with_the_reason(columns, changes
     assert f"{BUS}/word 01" in [signal.name for signal in read_columns.contents.signals]
 
 
+def test_too_many_signals_leave_the_measurements(columns, monkeypatch):
+    monkeypatch.setattr(ch10, "MOST_SIGNALS", 15)
+    read_columns, exact, _ = columns()
+    names = [signal.name for signal in read_columns.contents.signals]
+    assert {name for name in names if "/time" not in name} == {*NAMES.values(), "SPARE"}
+    for key, name in NAMES.items():
+        np.testing.assert_allclose(read_columns.values(name), exact[key], atol=1e-12)
+    assert read_columns.contents.ignored[0].startswith("groups without raw words")
+
+
 def test_pair_sets_on_a_line_are_a_scale(columns):
     scale = SCALES["beta"]
     pairs = "".join(
@@ -211,6 +222,20 @@ def test_a_set_up_record_in_xml_is_named(tmp_path):
     assert "The set-up record is in XML, which is not read." in read("ch10", path).contents.notes
 
 
+def test_a_set_up_record_may_be_cut_anywhere_into_packets():
+    text = ch10_flight.setup_record().encode()
+    whole, parts = SetupRecord(), SetupRecord()
+    whole.add(text)
+    for at in range(0, len(text), 97):
+        parts.add(text[at : at + 97])
+    assert parts.groups == whole.groups
+    assert not parts.is_changed
+    parts.add(text + b"C-1\\CO-1:0.5;C-2\\CO-1:0.1")
+    assert parts.is_changed
+    assert parts.groups["C", 1]["CO"][1,] == "0.5"
+    assert parts.groups["C", 2]["CO"][1,] == repr(SCALES["p"]), "which has no end yet"
+
+
 VALUES = ["", "0", "-1", "9" * 12, "1e999", "nan", "FW", "0" * 16, "1" * 60, "XXXXX", "COE", "x:y;"]
 
 
@@ -225,7 +250,7 @@ def test_any_set_up_record_is_read(data):
         value = data.draw(st.sampled_from([value, *VALUES]) | st.text(max_size=8))
         lines[k] = f"{code}:{value}"
     record = SetupRecord()
-    record.add(";".join(lines).encode())
+    record.add(";".join([*lines, ""]).encode())
     record.channel_names()
     words = np.array([[3.0, -7.0, np.nan, 2.0**30], [0.0, 1.0, 2.0, 3.0]])
     places = [
@@ -236,4 +261,6 @@ def test_any_set_up_record_is_read(data):
             for measurement in measurements:
                 assert measurement.scaling.problem() == ""
                 assert measurement.counts(words, 16).shape == (2,)
-    assert all(text.startswith("Set-up record: ") for text in record.notes())
+    assert all(
+        text.lower().startswith(("set-up record: ", "the set-up")) for text in record.notes()
+    )
