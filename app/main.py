@@ -199,7 +199,9 @@ async def _parts(app: FastAPI) -> AsyncIterator[None]:
         for repository in (store.flights, store.alarms):
             repository.on_change = partial(changes.note, "flights")
         store.campaigns.on_change = partial(changes.note, "campaigns")
-        await parts.enter_async_context(app.state.people.open(store))
+        people = app.state.people
+        await parts.enter_async_context(people.open(store))
+        await parts.enter_async_context(app.state.sessions.open(store, people.find_digest))
         await parts.enter_async_context(app.state.audit.open(store))
         store_health = app.state.store_health = StoreHealth(store)
         stored_recordings = app.state.recordings = Recordings(

@@ -35,9 +35,13 @@ class Person:
 
 @dataclass(eq=False)
 class Admission:
-    """Access of a person. expires: [s] by the clock.   is_revoked: it ended earlier."""
+    """Access of a person. expires: [s] by the clock.   is_revoked: it ended earlier.
+
+    digest: of the token; empty without one.
+    """
 
     person: Person
+    digest: str = ""
     expires: float = math.inf
     clock: Clock = time.time
     is_revoked: bool = False
@@ -72,8 +76,8 @@ class People:
         self._clock = clock
         self.needs_token = token is not None
         self.local = Admission(Person(LOCAL, "admin"))
-        self.server = Admission(Person(SERVER, "admin"))
-        self._of_settings = {} if token is None else {digest_of(token): self.server}
+        self.server = Admission(Person(SERVER, "admin"), "" if token is None else digest_of(token))
+        self._of_settings = {} if token is None else {self.server.digest: self.server}
         self._stored: dict[str, tuple[str, Admission]] = {}
         self._used: dict[str, str] = {}
         self._noted = -math.inf
@@ -122,7 +126,7 @@ class People:
             self._require_token()
         for digest, token in known.items():
             if digest not in self._stored:
-                self._stored[digest] = token.id, self._admission(token)
+                self._stored[digest] = token.id, self._admission(token, digest)
         for digest, (_, admission) in [*self._stored.items()]:
             token = known.get(digest)
             if token is None or token.revoked is not None:
@@ -152,7 +156,7 @@ class People:
             self.needs_token = True
             self.local.is_revoked = True
 
-    def _admission(self, token: StoredToken) -> Admission:
+    def _admission(self, token: StoredToken, digest: str) -> Admission:
         expiry = token.expires
         expires = math.inf if expiry is None else datetime.fromisoformat(expiry).timestamp()
-        return Admission(Person(token.name, token.role), expires, self._clock)
+        return Admission(Person(token.name, token.role), digest, expires, self._clock)

@@ -1,4 +1,4 @@
-"""People: tokens with a role, an expiry and a link for one login; and the log of changes.
+"""People: tokens with a role, an expiry and a link for one login; sessions; the log of changes.
 
 Tokens are stored as digests. A token has 256 random bits, so its plain SHA-256 cannot be reversed,
 and the timing of a look-up by digest reveals nothing.
@@ -7,15 +7,15 @@ and the timing of a look-up by digest reveals nothing.
 import hashlib
 import re
 import secrets
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Literal, get_args
 
-from sqlalchemy import ColumnElement, insert, select, update
+from sqlalchemy import ColumnElement, delete, insert, select, update
 
 from app.store.repository import Entries, Entry, NotFound, Repository, Time, columns
-from app.store.tables import audit, new_id, now, time_text, tokens
+from app.store.tables import audit, new_id, now, sessions, time_text, tokens
 
 Role = Literal["viewer", "operator", "engineer", "admin"]
 ROLES: tuple[Role, ...] = get_args(Role)
@@ -149,6 +149,31 @@ def _same(name: str, other: str) -> bool:
 
 def _in(wait: timedelta) -> str:
     return time_text(datetime.now(UTC) + wait)
+
+
+@dataclass(frozen=True)
+class StoredSession:
+    """A session of a browser. digest: of its key.   token: digest of its token.   ends: [s], UTC"""
+
+    digest: str
+    token: str
+    ends: float
+
+
+class SessionRepository(Repository):
+    """Sessions, the first to end first."""
+
+    def known(self) -> list[StoredSession]:
+        query = select(*columns(sessions, StoredSession)).order_by(sessions.c.ends)
+        with self._reading() as connection:
+            return [StoredSession(**row._mapping) for row in connection.execute(query)]
+
+    def keep(self, kept: Sequence[StoredSession], changed: Collection[str]) -> None:
+        """Store sessions, and forget the changed ones that are not among them."""
+        with self._deleting() as connection:
+            connection.execute(delete(sessions).where(sessions.c.digest.in_(changed)))
+            if kept:
+                connection.execute(insert(sessions), [asdict(session) for session in kept])
 
 
 @dataclass(frozen=True)

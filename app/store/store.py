@@ -25,7 +25,7 @@ from app.store.limit_sets import LimitSetRepository
 from app.store.monitor_sets import MonitorSetRepository
 from app.store.monitors import MonitorRepository
 from app.store.ownership import Ownership, Taken, owned
-from app.store.people import AuditRepository, TokenRepository
+from app.store.people import AuditRepository, SessionRepository, TokenRepository
 from app.store.recordings import MappingRepository, MarkerRepository, RecordingRepository
 from app.store.repository import InUse, KeptPermanently, NotFound, Writer
 from app.store.schema import bring_up_to_date, current_revision, forget_copies
@@ -67,6 +67,7 @@ class Store:
         self.campaigns = CampaignRepository(*shared)
         self.answers = AnswerRepository(*shared)
         self.tokens = TokenRepository(*shared)
+        self.sessions = SessionRepository(*shared)
         self.audit = AuditRepository(*shared)
 
     def dictionaries(self) -> list[Dictionary]:

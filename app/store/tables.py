@@ -432,6 +432,14 @@ tokens = Table(
     _time("link_expires"),
 )
 
+sessions = Table(
+    "sessions",
+    metadata,
+    Column("digest", String(64), primary_key=True),
+    Column("token", String(64), nullable=False),
+    Column("ends", Float, nullable=False),
+)
+
 audit = Table(
     "audit",
     metadata,

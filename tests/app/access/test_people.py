@@ -2,7 +2,6 @@
 
 import asyncio
 import logging
-from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 
@@ -11,17 +10,10 @@ import pytest
 from app.access import people as module
 from app.access.people import Admission, People, Person
 from app.store.people import TokenError, digest_of
-from app.store.store import Store, StoreError, open_store
+from app.store.store import Store, StoreError
 from tests.support.told_clock import ToldClock
 
 TOKEN = "a-token-of-a-good-length"
-
-
-@pytest.fixture
-def store(tmp_path: Path) -> Iterator[Store]:
-    opened = open_store(tmp_path / "forewarn.db")
-    yield opened
-    opened.close()
 
 
 def person_of(people: People, token: str) -> Person | None:
