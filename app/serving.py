@@ -1,4 +1,4 @@
-"""Serving: the listening socket, the server, and one server per data directory."""
+"""Serving: the listening socket, the server, and one owner per data directory and database."""
 
 import asyncio
 import gc
@@ -8,6 +8,7 @@ import sys
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import uvicorn
@@ -15,10 +16,11 @@ from fastapi import FastAPI
 
 from app.http.bounded_protocol import BoundedHttp
 from app.http.direct_websocket import DirectWebSocket
+from app.http.relay import Relay
 from app.main import create_app
 from app.settings import Settings, SettingsError
 from app.store.database import StoreError, address
-from app.store.ownership import FileHold, owned
+from app.store.ownership import FileHold, Taken, owned
 from app.store.store import open_store
 
 UNANSWERED_MS = 5_000
@@ -34,6 +36,11 @@ COLLECTED = 20_000, 50, 10
 THREAD_TURN_S = 0.001
 """Longest time that a computing thread delays the event loop [s]. The interpreter's default is five
 times as long, and a sample would wait for it at each wake-up of the loop."""
+LOOK_EVERY_S = 0.2
+"""[s] How often a server that shares a database asks whether it is the owner's turn."""
+NO_OWNER_S = 10.0
+"""[s] Longest time between the lock of a database and its owner's address."""
+LOG = logging.getLogger("forewarn")
 
 Opened = Callable[[FastAPI], Awaitable[None]]
 
@@ -130,10 +137,22 @@ def serve(
     """Serve until interrupted; `opened` is called with the application and its address.
 
     listening: a socket from `listen`; it is closed at the end.
+    A server that shares its database relays to its owner until it is the owner itself.
     SettingsError if the address or the data directory is in use, StoreError if the database cannot
     be used: before anything listens.
     """
-    with alone(settings):
+    with ExitStack() as held:
+        if settings.shared is None:
+            held.enter_context(alone(settings))
+        else:
+            listening = listening or listen(settings)
+            held.callback(listening.close)
+            try:
+                with asyncio.Runner(loop_factory=_loop_factory()) as runner:
+                    held.push(runner.run(until_owner(settings, listening)))
+            except KeyboardInterrupt:
+                return
+        held.enter_context(published(settings))
         open_store(settings.url).close()
         listening = listening or listen(settings)
         url = address_of(listening, settings)
@@ -167,6 +186,68 @@ def alone(settings: Settings) -> Iterator[None]:
         except StoreError as error:
             raise SettingsError(str(error)) from error
         yield
+
+
+# --- several servers that share a database ----------------------------------------------------
+
+
+def owner_file(settings: Settings) -> Path:
+    """Where the owner of a shared database says how the other servers reach it."""
+    return settings.data_dir / "forewarn.owner"
+
+
+def owner_of(settings: Settings) -> str:
+    """Address of the owner; empty if nobody owns the database, or not for others."""
+    try:
+        owner = owner_file(settings).read_text()
+    except OSError:
+        return ""
+    return "" if owner == settings.shared else owner  # left by this one, when it was killed
+
+
+@contextmanager
+def published(settings: Settings) -> Iterator[None]:
+    """The owner's address, for the servers that share its database."""
+    place = owner_file(settings)
+    place.unlink(missing_ok=True)  # of one that was killed
+    if settings.shared is not None:
+        new = place.with_suffix(".new")
+        new.write_text(settings.shared)
+        new.replace(place)
+    try:
+        yield
+    finally:
+        place.unlink(missing_ok=True)
+
+
+async def until_owner(settings: Settings, listening: socket.socket) -> ExitStack:
+    """Relay connections to the owner of the database until it has ended; what this one holds then.
+
+    SettingsError if the owner shares with nobody.
+    """
+    relaying = asyncio.create_task(Relay(listening, partial(owner_of, settings)).run())
+    try:
+        owner, held, unknown_s = "", ExitStack(), 0.0
+        while True:
+            try:
+                await asyncio.to_thread(held.enter_context, alone(settings))
+            except SettingsError as error:
+                if not isinstance(error.__cause__, Taken):
+                    raise
+                unknown_s = 0.0 if (now := owner_of(settings)) else unknown_s + LOOK_EVERY_S
+                if unknown_s > NO_OWNER_S:
+                    raise SettingsError(f"{error}, or start that one with --shared") from error
+            else:
+                if owner:
+                    LOG.warning("%s has ended: this server owns the database now", owner)
+                return held
+            if now and now != owner:
+                LOG.warning("standing by: %s owns the database", now)
+                owner = now
+            await asyncio.sleep(LOOK_EVERY_S)
+    finally:
+        relaying.cancel()
+        await asyncio.wait([relaying])
 
 
 def _loop_factory() -> Callable[[], asyncio.AbstractEventLoop] | None:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, fields
 from ipaddress import ip_address, ip_network
 from pathlib import Path
 from typing import Any, get_type_hints
+from urllib.parse import urlsplit
 
 PREFIX = "FOREWARN_"
 SHORTEST_TOKEN = 16
@@ -58,6 +59,7 @@ class Settings:
     retain_days: float = 0.0
     retain_gb: float = 0.0
     scheduler: str | None = None
+    shared: str | None = None
 
     def __post_init__(self) -> None:
         if self.token is not None and len(self.token) < SHORTEST_TOKEN:
@@ -88,6 +90,11 @@ class Settings:
             raise SettingsError(
                 f"host {self.host} can be reached from other machines: set FOREWARN_TOKEN, or "
                 "listen on 127.0.0.1"
+            )
+        if self.shared is not None and urlsplit(self.shared).hostname is None:
+            raise SettingsError(
+                f"shared={self.shared!r}: give the address at which the other servers reach this "
+                "one, such as http://range-1:8000"
             )
         if not 0 <= self.port <= 65535:
             raise SettingsError(f"port={self.port}: give a number between 0 and 65535")

@@ -52,6 +52,10 @@ def commands(slug: str) -> list[list[str]]:
     return [shlex.split(line)[1:] for line in lines if line.startswith("forewarn ")]
 
 
+def test_every_page_is_served():
+    assert {path.stem for path in GUIDE.glob("*.md")} == {"README", *SLUGS}
+
+
 def test_the_page_on_the_command_line_is_what_the_parser_says():
     assert PAGE.read_text(encoding="utf-8") == page(), "run `make command-line`"
 

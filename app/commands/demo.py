@@ -39,7 +39,7 @@ BAR_STEPS = 100
 
 def add(parser: argparse.ArgumentParser) -> None:
     option(parser, "--no-browser", "print the address only")
-    serve_command.add(parser)
+    serve_command.add_server(parser)
 
 
 def run(options: argparse.Namespace) -> int:

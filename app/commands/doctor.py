@@ -63,7 +63,7 @@ class Finding:
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    serve.add(parser)
+    serve.add_server(parser)
     add_json(parser)
 
 

@@ -16,6 +16,18 @@ if TYPE_CHECKING:  # slow to import, and not needed for help
 
 
 def add(parser: argparse.ArgumentParser) -> None:
+    add_server(parser)
+    option(
+        parser,
+        "--shared ADDRESS",
+        "several servers share this database and data directory, and reach this one at ADDRESS, "
+        "such as http://range-1:8000: one owns the flights, the others relay to it and take over "
+        "when it ends",
+    )
+
+
+def add_server(parser: argparse.ArgumentParser) -> None:
+    """The options that `demo` and `doctor` have too."""
     add_place(parser)
     option(parser, "--host HOST", "address to listen on; 127.0.0.1 if absent")
     option(parser, "--port PORT", "port to listen on, 0 for any; 8000 if absent", type=int)
@@ -33,6 +45,7 @@ def settings_of(options: argparse.Namespace) -> Settings:
         port=options.port,
         database_url=options.database_url,
         scheduler=options.scheduler,
+        shared=getattr(options, "shared", None),
     )
 
 

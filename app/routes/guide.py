@@ -30,6 +30,7 @@ SLUGS = (
     "several-people",
     "keeping-data",
     "several-machines",
+    "several-servers",
     "without-a-network",
     "open-mct",
     "rest-and-streams",

@@ -23,9 +23,9 @@ def flyable() -> Monitor:
     return train(collect(DatasetRecipe(n_unsafe=12, n_obs=10, seed=3)), MonitorRecipe(epsilon=0.3))
 
 
-def keep_monitor(data_dir: Path, monitor: Monitor) -> str:
-    """Store a monitor in a directory that nobody serves; its id."""
-    store = open_store(Settings(data_dir=data_dir).url)
+def keep_monitor(data_dir: Path, monitor: Monitor, url: str | None = None) -> str:
+    """Store a monitor in a directory, or a database, that nobody serves; its id."""
+    store = open_store(Settings(data_dir=data_dir, database_url=url).url)
     monitor_id = store.monitors.add(monitor, "m").id
     store.close()
     return monitor_id

@@ -4,6 +4,7 @@ import json
 import random
 import signal
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -62,32 +63,46 @@ def push_until_killed(
     data_dir: Path, monitor: str, flight: str, dt: float, after_s: float
 ) -> tuple[str, set[int]]:
     """Push until the server is killed: the flight, begun where it is "", and what is durable."""
-    acknowledged: set[int] = set()
     with running(data_dir) as (process, client):
         flight = flight or start(client, monitor)
-        with uplink(client, flight) as socket:
-            last = json.loads(socket.recv(PATIENCE))["last_sequence"]
-            threading.Timer(after_s, process.kill).start()
-            sequence = 0 if last is None else last + 1
-            try:
-                while True:
-                    socket.send(json.dumps(batch(sequence, dt)))
-                    sequence += 1
-                    try:
-                        message = json.loads(socket.recv(0.002))
-                    except TimeoutError:
-                        continue
-                    acknowledged |= {*message["sequences"]}
-            except ConnectionClosed:
-                pass
+        acknowledged = push_until_broken(client, flight, dt, after_s, process.kill)
         process.join()
         assert process.exitcode == -signal.SIGKILL
     return flight, acknowledged
 
 
-def assert_kept(data_dir: Path, flight: str, monitor: Monitor, acknowledged: set[int]) -> None:
+def push_until_broken(
+    client: httpx2.Client, flight: str, dt: float, after_s: float, ending: Callable[[], object]
+) -> set[int]:
+    """Push, call `ending` after a time, and push until the connection ends: what is durable."""
+    acknowledged: set[int] = set()
+    with uplink(client, flight) as socket:
+        last = json.loads(socket.recv(PATIENCE))["last_sequence"]
+        threading.Timer(after_s, ending).start()
+        sequence = 0 if last is None else last + 1
+        try:
+            while True:
+                socket.send(json.dumps(batch(sequence, dt)))
+                sequence += 1
+                try:
+                    message = json.loads(socket.recv(0.002))
+                except TimeoutError:
+                    continue
+                acknowledged |= {*message["sequences"]}
+        except ConnectionClosed:
+            pass
+    return acknowledged
+
+
+def assert_kept(
+    data_dir: Path,
+    flight: str,
+    monitor: Monitor,
+    acknowledged: set[int],
+    url: str | None = None,
+) -> None:
     """What was acknowledged is in the journal once, and was scored and recorded to the bit."""
-    with running(data_dir) as (_, client):
+    with running(data_dir, database_url=url) as (_, client):
         assert client.get(f"{FLIGHTS}/{flight}").json()["progress"] == "running"
         assert client.post(f"{FLIGHTS}/{flight}/end").json()["lost"] == 0
         alarms = client.get(f"{FLIGHTS}/{flight}/alarms").json()
@@ -98,7 +113,7 @@ def assert_kept(data_dir: Path, flight: str, monitor: Monitor, acknowledged: set
     again = assessed_again(
         LiveSetup(monitor, 0.3, ChannelReader(), journals, 0.0, None, "none"), flight
     )
-    store = open_store(Settings(data_dir=data_dir).url)
+    store = open_store(Settings(data_dir=data_dir, database_url=url).url)
     try:
         assert store.damage() == []
         stored = store.flights.assessments(flight)

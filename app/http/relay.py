@@ -1,0 +1,112 @@
+"""Relay connections to another server, byte for byte: HTTP, WebSockets and streams alike."""
+
+import asyncio
+import socket
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+from urllib.parse import urlsplit
+
+BUFFER = 32_768
+"""Bytes that each link holds for a side that does not read; more would be minutes old."""
+ANSWERS_S = 2.0
+"""A server that does not accept a connection within this time is not there [s]."""
+AGAIN_S = 0.1
+
+
+class _Side(asyncio.Protocol):
+    """One side of a relayed connection: what it receives is sent by the other side."""
+
+    def __init__(self, sides: "set[_Side]") -> None:
+        self._sides = sides
+        self.transport: Any = None
+        self.other: _Side | None = None
+
+    def link(self, other: "_Side") -> None:
+        self.other = other
+        if self.transport is not None:
+            self.transport.resume_reading()
+
+    def connection_made(self, transport: Any) -> None:
+        connection = transport.get_extra_info("socket")
+        for buffer in (socket.SO_SNDBUF, socket.SO_RCVBUF):
+            connection.setsockopt(socket.SOL_SOCKET, buffer, BUFFER)
+        transport.set_write_buffer_limits(BUFFER)
+        self.transport = transport
+        self._sides.add(self)
+
+    def _to(self) -> Any:
+        assert self.other is not None
+        return self.other.transport
+
+    def data_received(self, data: bytes) -> None:
+        self._to().write(data)
+
+    def eof_received(self) -> bool:
+        with suppress(OSError, RuntimeError):  # the other side has closed
+            self._to().write_eof()
+        return True  # the answer may still come
+
+    def pause_writing(self) -> None:
+        self._to().pause_reading()
+
+    def resume_writing(self) -> None:
+        self._to().resume_reading()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._sides.discard(self)
+        if self.other is not None and self.other.transport is not None:
+            self.other.transport.close()
+
+
+class Relay:
+    """Accepts connections of a listening socket while the other server accepts them.
+
+    server: address of the other server; empty while it is unknown. Connections that come meanwhile
+    wait in the socket's backlog, for whoever accepts next.
+    """
+
+    def __init__(self, listening: socket.socket, server: Callable[[], str]) -> None:
+        self._listening, self._server = listening, server
+        self._sides: set[_Side] = set()
+
+    async def run(self) -> None:
+        """Until cancelled; the connections end with it."""
+        try:
+            while True:
+                await _readable(self._listening)
+                try:
+                    await self._relay_one()
+                except OSError:  # nobody answers there
+                    await asyncio.sleep(AGAIN_S)
+        finally:
+            for side in [*self._sides]:
+                if side.transport is not None:
+                    side.transport.abort()
+
+    async def _relay_one(self) -> None:
+        loop, parts = asyncio.get_running_loop(), urlsplit(self._server())
+        if parts.hostname is None:
+            raise ConnectionError("the server is not known")
+        server, client = _Side(self._sides), _Side(self._sides)
+        joining = loop.create_connection(lambda: server, parts.hostname, parts.port or 80)
+        await asyncio.wait_for(joining, ANSWERS_S)
+        server.transport.pause_reading()
+        try:
+            accepted, _ = self._listening.accept()
+        except BlockingIOError:  # the client has left
+            server.transport.close()
+            return
+        accepted.setblocking(False)
+        client.other = server
+        await loop.connect_accepted_socket(lambda: client, accepted)
+        server.link(client)
+
+
+async def _readable(listening: socket.socket) -> None:
+    loop, ready = asyncio.get_running_loop(), asyncio.Event()
+    loop.add_reader(listening, ready.set)
+    try:
+        await ready.wait()
+    finally:
+        loop.remove_reader(listening)
