@@ -252,11 +252,19 @@ def _used_twice(mapping: Mapping, key: str) -> list[str]:
     others = [
         label_of(other)
         for other, source in mapping.channels.items()
-        if other != key and source.signal == name and not _same_quantity(mapping, key, other)
+        if other != key
+        and source.signal == name
+        and not _same_quantity(mapping, key, other)
+        and not _other_bits(source, mapping.channels[key])
     ]
     others += [f"the time{f' of {g}' if g else ''}" for g, t in mapping.times.items()
                if t.signal == name]  # fmt: skip
     return [f"{name} is also mapped to {' and '.join(others)}"] if others else []
+
+
+def _other_bits(source: ChannelSource, other: ChannelSource) -> bool:
+    """Whether two sources are different parts of one word."""
+    return bool(source.bits and other.bits) and source.bits != other.bits
 
 
 def _same_quantity(mapping: Mapping, key: str, other: str) -> bool:

@@ -348,6 +348,23 @@ def test_a_confirmed_scale_is_not_doubted_and_helps_to_find_other_units(tmp_path
     assert min(proposal.rationales[key].confidence for key in KEYS) > 0.95
 
 
+def test_two_parts_of_one_word_are_not_doubted(tmp_path):
+    table = plain_table()
+    phi, p = (np.round(table.pop(PLAIN[key]) * 2**11).astype(int) & 0xFFF for key in ("phi", "p"))
+    columns = columns_of(tmp_path, table | {"word": phi | p << 12})
+    source = ChannelSource("word", "rad", scale=2**-11, bits="1-12 signed")
+    channels = {"phi": source, "p": replace(source, unit="rad/s", bits="13-24 signed")}
+    known = propose(columns, Mapping(channels, {"": TimeSource("t_s", "s")}))
+    assert {key: known.mapping.channels[key] for key in channels} == channels
+    for key in (*KEYS, "phi"):
+        assert known.rationales[key].confidence > 0.9, known.rationales[key]
+    warnings = find_warnings(columns, known.mapping, apply_mapping(columns, known.mapping))
+    assert not {*channels} & {*warnings}
+    same = {"phi": source, "p": replace(source, unit="rad/s")}
+    warnings = find_warnings(columns, Mapping(same, known.mapping.times), None)
+    assert any("also mapped" in text for text in warnings["p"])
+
+
 def test_the_same_file_is_proposed_the_same(tmp_path):
     columns = columns_of(tmp_path, plain_table())
     assert propose(columns) == propose(columns)
