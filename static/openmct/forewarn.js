@@ -401,15 +401,16 @@ function createFolders(openmct, server, url) {
   const held = {}; // ids of flights by folder
   let listeners = [];
   const indicator = openmct.indicators.simpleIndicator();
+  indicator.text("Forewarn");
   indicator.iconClass("icon-connectivity");
   openmct.indicators.add(indicator);
-  let timer = setTimeout(look, LOOK);
+  let timer = setTimeout(look);
   openmct.on("destroy", () => clearTimeout(timer));
 
   async function read(folder) {
     const list = server.get(`/flights?${FOLDERS[folder].query}`).then((flights) => flights.map(({ id }) => id));
     const problem = await list.then(() => "", ({ message }) => message);
-    indicator.text(problem ? "Forewarn: NO ANSWER" : "Forewarn: connected");
+    indicator.text(problem ? "Forewarn: NOT CONNECTED" : "Forewarn: connected");
     indicator.description(problem ? `${url}: ${problem}. The lists of flights may be out of date.` : url);
     indicator.statusClass(problem ? "s-status-error" : "s-status-on");
     held[folder] = problem ? (held[folder] ?? []) : await list;
@@ -417,9 +418,10 @@ function createFolders(openmct, server, url) {
   }
 
   async function look() {
-    for (const folder of Object.keys(held)) {
-      const before = held[folder];
+    for (const folder of new Set(["running", ...Object.keys(held)])) {
+      const known = held[folder];
       const after = await read(folder);
+      const before = known ?? after;
       const changes = { add: after.filter((id) => !before.includes(id)), remove: before.filter((id) => !after.includes(id)) };
       for (const [event, ids] of Object.entries(changes)) {
         const told = listeners.filter((each) => each.folder === folder && each.event === event);
