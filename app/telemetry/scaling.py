@@ -13,6 +13,8 @@ import numpy as np
 from app.telemetry.recording import TelemetryError
 from core.types import Array
 
+COUNTS = "counts"
+"""Unit of raw counts whose scale is not known."""
 MOST_BITS = 52
 """A number in double precision holds no more of them exactly."""
 BITS = re.compile(r"(\d{1,3})(?: *(?:-|to) *(\d{1,3}))?(?: +(signed|bnr|bcd))?", re.IGNORECASE)

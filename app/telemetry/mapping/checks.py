@@ -25,6 +25,7 @@ from app.telemetry.mapping.signs import (
     quiet_bias,
 )
 from app.telemetry.recording import TelemetryError, Trace, Traces
+from app.telemetry.scaling import AS_RECORDED, COUNTS
 from app.telemetry.targets import (
     TARGETS,
     in_order,
@@ -283,7 +284,8 @@ def _other_unit(columns: Columns, key: str, source: ChannelSource) -> list[str]:
         of_name = [match.unit for match in name_matches(signal.name) if match.key == key]
         of_name += [] if key in TARGETS else [unit_in(signal.name)]
         where, unit = "its name", spelled(next((text for text in of_name if text), ""))
-    if not unit or not fits(chosen, target.unit) or chosen == f"{unit}/s":
+    is_scaled = unit == COUNTS and source.scaling != AS_RECORDED
+    if not unit or is_scaled or not fits(chosen, target.unit) or chosen == f"{unit}/s":
         return []
     given = f"{where} gives {signal.name} in {unit}"
     if not fits(unit, target.unit):

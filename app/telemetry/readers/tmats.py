@@ -15,14 +15,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from app.telemetry.scaling import AS_RECORDED, BitField, Scaling
+from app.telemetry.scaling import AS_RECORDED, COUNTS, MOST_BITS, BitField, Scaling
 from core.types import Array
 
 CODE = re.compile(r"([A-Z])-(\d{1,4})\\([A-Z0-9]+(?:\\[A-Z0-9]+)*)((?:-\d{1,4})*)")
 LINKS = ("CDLN", "BDLN", "PDLN", "DSI")
 """Attributes that name the data of a recorder's channel, by version of the standard."""
 BITS_1553, BITS_429 = 16, 32
-MOST_BITS = 52
 MOST_NAMED = 8
 CHANGED = "Set-up record: it changes within the file; the last one counts."
 KINDS = {"UNS": "", "TWO": "signed", "OFF": "", "BCD": "bcd"}
@@ -66,14 +65,14 @@ class Run:
 class Measurement:
     """A measurement of raw counts.
 
-    runs: its bits, the most significant first.   kind: of BitField.   unit: "" without a scale.
+    runs: its bits, the most significant first.   kind: of BitField.   unit: COUNTS without a scale.
     """
 
     name: str
     place: Place
     runs: tuple[Run, ...]
     kind: str = ""
-    unit: str = ""
+    unit: str = COUNTS
     description: str = ""
     scaling: Scaling = AS_RECORDED
 

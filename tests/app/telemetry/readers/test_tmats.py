@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from app.main import STATIC
 from app.telemetry.mapping.applying import apply_mapping
+from app.telemetry.mapping.checks import find_warnings
 from app.telemetry.mapping.mapping import ChannelSource, Mapping
 from app.telemetry.mapping.proposal import propose
 from app.telemetry.readers import ch10
@@ -138,9 +139,17 @@ NOT_LINEAR = r"C-1\CO\N:2;C-1\CO-2:1e-9;"
         ({f"C-1\\CO-1:{SCALES['beta']!r}": r"C-1\CO-1:much"}, "its scale is zero or no number"),
     ],
 )
-def test_a_conversion_that_is_not_a_scale_leaves_raw_counts_without_unit(columns, changes, note):
+def test_a_conversion_that_is_not_a_scale_leaves_raw_counts(columns, changes, note):
     read_columns, exact, _ = columns(changes)
-    assert read_columns.signal("BETA").unit == ""
+    assert read_columns.signal("BETA").unit == "counts"
+    proposal = propose(read_columns)
+    assert proposal.missing == ("beta",)
+    assert "its unit counts does not fit" in proposal.rationales["beta"].reasons[0]
+    source = ChannelSource("BETA", "deg", scale=SCALES["beta"])
+    mapping = Mapping({"beta": source}, proposal.mapping.times)
+    traces = apply_mapping(read_columns, mapping)
+    np.testing.assert_allclose(traces.channels["beta"].values, np.radians(exact["beta"]))
+    assert find_warnings(read_columns, mapping, traces) == {}
     assert f"Set-up record: {note}, so these are raw counts: BETA." in read_columns.contents.notes
     counts = ch10_flight.counts_of(exact)["beta"]
     np.testing.assert_array_equal(read_columns.values("BETA"), counts)
