@@ -60,22 +60,33 @@ class Server:
 
 @contextmanager
 def serving(directory: Path, dt: float) -> Iterator[Server]:
-    recipe = replace(DatasetRecipe(), dt=dt, n_unsafe=30, n_obs=30)
-    dataset = collect(recipe)
-    store = open_store(directory / "forewarn.db")
-    monitor = store.monitors.add(train(dataset), "benchmark").id
-    store.close()
-    code = "import sys; from app.cli import main; sys.exit(main(sys.argv[1:]))"
-    command = [sys.executable, "-c", code, "serve", "--port", "0", "--data-dir", str(directory)]
-    environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
-    try:
+    monitor = kept_monitor(directory, dt)
+    with launched(directory, "--port", "0") as process:
         assert process.stdout is not None
         line = process.stdout.readline()
         address = next(word for word in line.split() if word.startswith("http"))
         server = Server(process, address, monitor)
         with server.client:
             yield server
+
+
+def kept_monitor(directory: Path, dt: float, url: str | None = None) -> str:
+    """Store a monitor of this interval [s]; its id."""
+    recipe = replace(DatasetRecipe(), dt=dt, n_unsafe=30, n_obs=30)
+    store = open_store(url or directory / "forewarn.db")
+    monitor = store.monitors.add(train(collect(recipe)), "benchmark").id
+    store.close()
+    return monitor
+
+
+@contextmanager
+def launched(directory: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
+    code = "import sys; from app.cli import main; sys.exit(main(sys.argv[1:]))"
+    command = [sys.executable, "-c", code, "serve", "--data-dir", str(directory), *options]
+    environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
+    try:
+        yield process
     finally:
         process.terminate()
         process.wait(30)
