@@ -208,10 +208,13 @@ def schema_of(member: Any) -> dict[str, Any]:
     kind, properties = type(member), {}
     known = _definitions()[kind.__name__].get("properties", {})
     described = descriptions(kind)
+    fewer = member.fewer if isinstance(member, ManeuverTest) else {}
     for field in fields(member):
+        if field.name in fewer and not list(fewer[field.name]):
+            continue
         value, words = getattr(member, field.name), described.get(field.name, "")
         entry: dict[str, Any] = _property(known[field.name], value)
-        if isinstance(member, ManeuverTest) and field.name in (fewer := member.fewer):
+        if field.name in fewer:
             entry["properties"] = {"kind": {"enum": list(fewer[field.name])}}
         if isinstance(member, JsbsimAircraft) and field.name == "model" and is_installed():
             entry["enum"] = list(aircraft_names())

@@ -17,7 +17,7 @@ from core.clearance.clearance import ClearanceRecipe
 from core.clearance.with_monitor import MONITOR
 from core.evaluation.rates import clopper_pearson
 from core.monitor.recipe import MonitorRecipe
-from core.planned_test.planned_test import DatasetRecipe
+from core.planned_test.planned_test import DatasetRecipe, needs_limits
 from core.types import Array
 
 State = Literal["planned", "on condition", "cleared", "hold", "complete", "aborted"]
@@ -135,6 +135,9 @@ class Condition:
 
     name: str
     test: DatasetRecipe
+
+    def __post_init__(self) -> None:
+        needs_limits(self.test, "a campaign")
 
     @property
     def aircraft(self) -> str:

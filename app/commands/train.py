@@ -40,7 +40,6 @@ from app.recipes.recipes import (
     simulated_test,
 )
 from app.recordings.flown_flights import RolloutSources, no_rollouts, recorded_files
-from app.telemetry.limit_texts import margin_bounds
 from app.telemetry.rollouts import read_dictionary, read_rollouts
 from app.telemetry.targets import beyond_plausible
 from core.bounds import Bounds, check_bounds
@@ -56,8 +55,6 @@ from core.monitor import Monitor, MonitorRecipe
 from core.monitor.calibration import check_epsilon
 from core.monitor.training import check_lead
 from core.planned_test.collection import DatasetRecipe, SimulatedTest, card_of
-from core.planned_test.margin_labels import MarginBound, labelled_by_margins
-from core.planned_test.own import OwnTest
 from core.planned_test.planned_test import ManeuverTest
 from core.rollouts import doubts_of
 
@@ -143,8 +140,6 @@ def run(options: argparse.Namespace) -> int:
     for name in ("dictionary", "channel"):
         if getattr(options, name) is not None:
             raise RecipeError(f"--{name} was given without --rollouts or --recordings: give both")
-    if bounds := margin_bounds(options.limit or ()):
-        return run_on_margins(options, bounds)
     recipe = recipe_of(options)
     if options.print_recipe:
         return print_recipe(recipe)
@@ -158,22 +153,10 @@ def run(options: argparse.Namespace) -> int:
     return _finish(options, training, dataset)
 
 
-def run_on_margins(options: argparse.Namespace, bounds: Sequence[MarginBound]) -> int:
-    """Rollouts of the recipe, labelled by the stability margins of their aircraft."""
-    planned = recipe_of(argparse.Namespace(**vars(options) | {"limit": None}))
-    if options.print_recipe:
-        raise RecipeError(f"{bounds[0].text!r} is no part of a recipe: omit --print-recipe")
-    test = labelled_by_margins(planned.dataset, bounds)
-    return _run_on_test(options, planned.monitor.as_planned(), test)
-
-
 def run_on_simulator(options: argparse.Namespace) -> int:
     plain = monitor_options(options)
     recipe = from_plain(MonitorRecipe(), monitor_as_ordered(plain)).as_planned()
-    return _run_on_test(options, recipe, own_test(options, recipe.t_early))
-
-
-def _run_on_test(options: argparse.Namespace, recipe: MonitorRecipe, test: OwnTest) -> int:
+    test = own_test(options, recipe.t_early)
     check_file(options.out)
     check_epsilon(recipe.epsilon, test.n_unsafe, recipe.guarantee)
     if recipe.predictor.forecast == "card":

@@ -19,7 +19,7 @@ from app.campaigns.stored import Campaigns, check_next
 from app.jobs.jobs import Result, Task
 from app.jobs.kinds import train_monitor
 from app.jobs.requests import MonitorRequest, linear_request, monitor_request
-from app.recipes.recipes import from_plain, to_plain
+from app.recipes.recipes import RecipeError, from_plain, to_plain
 from app.store.store import Store
 from core.clearance.clearance import ClearanceRecipe
 from core.planned_test.collection import CollectionError
@@ -60,7 +60,11 @@ class ConditionRequest(BaseModel):
     def read(self, max_bytes: int) -> tuple[Condition, list[float], float, str]:
         """The flight condition, its steps and their pass criteria. RecipeError."""
         test = linear_request(self.dataset, max_bytes)
-        return Condition(self.name.strip(), test), self.steps, self.passes_below, self.criteria
+        try:
+            condition = Condition(self.name.strip(), test)
+        except ValueError as error:
+            raise RecipeError(f"{error}") from None
+        return condition, self.steps, self.passes_below, self.criteria
 
 
 class CampaignRequest(BaseModel):

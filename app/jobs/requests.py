@@ -198,7 +198,8 @@ def study_request(plain: dict[str, Any], store: Store, max_bytes: int) -> StudyR
     recipe: StudyRecipe = _recipe(StudyRecipe(), plain, "study")
     _check_most(recipe, "study", n_monitors=LARGEST_N_MONITORS, n_test=LARGEST_N_TEST)
     _check_test_size(dataset, recipe.n_test, max_bytes)
-    return replace(recipe, dataset=dataset)
+    with _refusing():
+        return replace(recipe, dataset=dataset)
 
 
 def sweep_request(

@@ -198,12 +198,12 @@ def train_and_test(
     """Train a monitor, calibrate its validity, and test it on n_test fresh flights.
 
     A dataset without a recipe is split instead, see `train_on_flights`. choose: as there, and in
-    `train_on_simulator`; the method of a test that can be planned otherwise is the recipe's.
+    `train_on_simulator`; the method of a linear aircraft with limits is the recipe's.
     """
     simulated = simulated_test(dataset.recipe)
     if simulated is None:
         return train_on_flights(dataset, recipe, choose, progress)
-    if not isinstance(simulated, DatasetRecipe):
+    if not isinstance(simulated, DatasetRecipe) or simulated.margins.label:
         return train_on_simulator(dataset, recipe, simulated, n_test, progress, choose=choose)
     progress("training", 0, 3)
     card = card_of(simulated) if recipe.predictor.forecast == "card" else None
@@ -387,7 +387,8 @@ def fly_test(
     flights = evaluation_flights(recipe, n, executor=executor)
     test, alerts = _tested(monitor, flights.y, flights.fail_index)
     prevented = None
-    if isinstance(recipe.simulator(), Stops):
+    of_aircraft = isinstance(recipe, ManeuverTest) and recipe.margins.label  # not of its flight
+    if isinstance(recipe.simulator(), Stops) and not of_aircraft:
         prevented = prevention(
             alerts,
             flights.fail_index,

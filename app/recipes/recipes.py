@@ -35,7 +35,9 @@ from core.simulation.nonlinear_aircraft import NONLINEAR_AIRCRAFT
 from core.simulation.pilot import usual_pilot
 
 DEFAULT_KIND: str = to_plain(DatasetRecipe())["aircraft"]["kind"]
-BEFORE_IMPERFECTIONS = {entry.name for entry in fields(DatasetRecipe)} - {"imperfections", "pilot"}
+BEFORE_IMPERFECTIONS = {entry.name for entry in fields(DatasetRecipe)} - {
+    *("imperfections", "pilot", "margins")
+}
 BEFORE_GUARANTEE = set(
     takewhile("guarantee".__ne__, (entry.name for entry in fields(MonitorRecipe)))
 )
@@ -215,6 +217,8 @@ def dataset_recipe(plain: Any, where: str = "dataset") -> tuple[ManeuverTest, Su
         read = read.with_usual(limits=STORED_LIMITS not in plain, load_factor=turn)
     else:
         _check_limits(read.specification, f"{where}.{LIMITS}")
+    if read.margins.label:
+        read.first_margins()  # refuses those that there are not
     if not is_auto and (has_amplitude or not _is_own_model(plain)):
         return read, None
     suggestion = suggest_amplitude(read)

@@ -6,7 +6,7 @@ Nz=-1.4..4.9g    alpha=..12deg    Nz=..4.9 for 0.2 s    load [kN] = 0.7*Nz*mass
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from core.channels import KEYS, LATERAL, Channel, Dictionary, channel
 from core.computed import complete, lasting
 from core.limits.limits import IntervalLimits, Limits, SafeInterval
 from core.limits.temporal import COMPARED, Requirement
-from core.planned_test.margin_labels import UNITS, Kind, MarginBound
+from core.simulation.stability_margins import UNITS, LeastMargins
 from core.types import Array
 
 VALUE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*((?:[A-Za-z°%]\S*)?)")
@@ -45,22 +45,32 @@ class Specified(NamedTuple):
     requirements: tuple[Requirement, ...] = ()
 
 
-def margin_bounds(limits: Sequence[str]) -> tuple[MarginBound, ...]:
-    """Bounds of stability margins; empty if the limits are of another kind. TelemetryError."""
-    bounds: list[MarginBound] = []
+def margin_bounds(limits: Sequence[str]) -> dict[str, float]:
+    """Parameters of `LeastMargins`; empty if the limits are of another kind. TelemetryError."""
+    bounds: dict[str, float] = {}
     for text in limits:
         if " margin" not in text:
             continue
-        match = MARGIN.fullmatch(text)
-        bound = match and MarginBound(cast("Kind", match[1]), float(match[2]))
-        if not match or not bound or match[3].replace("°", "deg") != UNITS[bound.kind]:
-            raise TelemetryError(f"{text!r}: write it as {MARGIN_WORDS}")
-        bounds.append(bound)
+        if not (match := MARGIN.fullmatch(text)):
+            raise TelemetryError(f"{text!r}: write its least value as {MARGIN_WORDS}")
+        kind, least, unit = match[1], float(match[2]), match[3].replace("°", "deg")
+        if unit != UNITS[kind]:
+            named = f"in {UNITS[kind]}" if UNITS[kind] else "without a unit"
+            raise TelemetryError(f"{text!r}: a {kind} margin is {named}: write {MARGIN_WORDS}")
+        name = f"{kind}_{UNITS[kind].lower()}".rstrip("_")
+        try:
+            LeastMargins(**{name: least})
+        except ValueError as error:
+            raise TelemetryError(f"{text!r}: {str(error).partition(': ')[2]}") from None
+        if name in bounds:
+            raise TelemetryError(f"{text!r}: the {kind} margin has two least values: omit one")
+        bounds[name] = least
     if 0 < len(bounds) < len(limits):
+        given = next(text for text in limits if " margin" in text)
         raise TelemetryError(
-            f"{bounds[0].text!r} labels the rollouts, so other limits have no effect: omit one"
+            f"{given!r} labels the rollouts, so other limits have no effect: omit one"
         )
-    return tuple(bounds)
+    return bounds
 
 
 def specified(flights: RolloutFile, channels: Sequence[str], limits: Sequence[str]) -> Specified:
@@ -100,9 +110,9 @@ def extended(
     """The dictionary with computed channels, limits by key, and requirements that need later
     samples.   TelemetryError, ValueError.
     """
-    if bounds := margin_bounds(limits):
+    if margin_bounds(limits):
         raise TelemetryError(
-            f"{bounds[0].text!r} is of a control loop, which rollouts and simulators of others do "
+            f"{limits[0]!r} is of a control loop, which rollouts and simulators of others do "
             "not show: give it to forewarn train with an aircraft that Forewarn simulates"
         )
     dictionary = dictionary.plus(*map(computed_channel, channels))

@@ -41,7 +41,7 @@ from core.planned_test.collection import (
     training_rollouts,
 )
 from core.planned_test.near import near_failures, near_rollouts
-from core.planned_test.planned_test import DatasetRecipe, ManeuverTest, SensorNoise
+from core.planned_test.planned_test import DatasetRecipe, ManeuverTest, SensorNoise, needs_limits
 from core.seeds import Branch, monitor_seeds, stream
 from core.simulation.aircraft import AIRCRAFT
 from core.simulation.control_law import CONTROL_LAWS
@@ -257,6 +257,7 @@ def check_leads(recipe: SweepRecipe, tests: Mapping[str, ManeuverTest]) -> None:
     """ValueError for a lead that is as long as a manoeuvre."""
     longest = max(recipe.leads_s)
     for name, test in tests.items():
+        needs_limits(test, "a sweep")
         if longest >= test.maneuver.duration_s:
             raise ValueError(
                 f"leads_s={recipe.leads_s} was given: the manoeuvre of {name} lasts "

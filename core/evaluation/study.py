@@ -18,7 +18,7 @@ from core.monitor.recipe import MonitorRecipe
 from core.monitor.score import SCORES, NegativeMagnitude, Score
 from core.monitor.training import SafeObservations, train
 from core.planned_test.collection import DatasetRecipe, Rollouts, collect
-from core.planned_test.planned_test import ManeuverTest
+from core.planned_test.planned_test import ManeuverTest, needs_limits
 from core.seeds import monitor_seeds
 from core.tasks import Tasks
 from core.types import Array
@@ -63,6 +63,7 @@ class StudyRecipe:
 
     def __post_init__(self) -> None:
         check_bounds(self)
+        needs_limits(self.dataset, "a study")
 
 
 @dataclass(frozen=True, eq=False)

@@ -368,7 +368,7 @@ def _highest_share(k: int, n: int) -> float:
 
 def _working_amplitude(test: SimulatedTest) -> str:
     """The suggested amplitude, as the last sentence of an error; empty if none can be searched."""
-    if (recipe := replanned(test)) is None:
+    if (recipe := replanned(test)) is None or recipe.margins.label:
         return ""
     try:
         return f"{suggest_amplitude(recipe)}"

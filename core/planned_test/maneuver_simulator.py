@@ -16,6 +16,7 @@ from core.simulation.imperfections import Imperfections, channel_array, from_tri
 from core.simulation.maneuver import Maneuver
 from core.simulation.pilot import Crew, Pilot
 from core.simulation.simulator import Parameters, Rollouts, Stopped
+from core.simulation.stability_margins import LeastMargins, Margins
 from core.simulation.turbulence import LateralGust
 from core.types import Array, Indices
 
@@ -45,6 +46,9 @@ class PlannedManeuver(Protocol):
 
     @property
     def pilot(self) -> Pilot: ...
+
+    @property
+    def margins(self) -> LeastMargins: ...
 
     @property
     def imperfections(self) -> Imperfections: ...
@@ -139,6 +143,10 @@ class ManeuverSimulator(ABC):
     @abstractmethod
     def sample(self, n: int, rng: np.random.Generator) -> Array:
         """Draw theta (n, n_parameters)."""
+
+    @abstractmethod
+    def margins(self, theta: Array) -> Margins:
+        """Stability margins of theta (n, n_parameters). ValueError where the loop is unknown."""
 
     @abstractmethod
     def outputs(self, drawn: Drawn) -> Array:
@@ -283,12 +291,17 @@ class ManeuverSimulator(ABC):
 
     def _first_exceedance(self, y: Array, drawn: Drawn) -> Indices:
         """(n,) first sample that exceeds a limit, or at which the pilot gives up if that labels
-        flights; n_samples for none. Subtracts trim from y."""
+        flights, the last one of aircraft with too little stability margin if that does; n_samples
+        for none. Subtracts trim from y."""
         test, every = self.test, self.test.substeps
         n_samples = test.maneuver.n_samples(test.dt)
         if not test.imperfections.are_none:
             start = test.imperfections.run_up(test.dt) * every
             y = from_trim(y, start, every, drawn.rest, self.dictionary)
+        if test.margins.label:
+            theta, which = np.unique(drawn.theta, axis=0, return_inverse=True)
+            unsafe = test.margins.too_little(self.margins(theta))[which.ravel()]
+            return n_samples - unsafe
         if test.pilot.label:
             gave_up = drawn.in_loop.gave_up - test.imperfections.run_up(test.dt)
             return np.clip(gave_up, 0, n_samples)

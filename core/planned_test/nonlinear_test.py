@@ -54,7 +54,7 @@ from core.simulation.nonlinear_aircraft import NONLINEAR_AIRCRAFT, NonlinearAirc
 from core.simulation.pilot import CHANNEL_OF, OpenLoop, Sight
 from core.simulation.python_simulator import OwnCodeError
 from core.simulation.simulator import Parameters, Rollouts
-from core.simulation.uncertain_plant import Plants
+from core.simulation.stability_margins import Margins, stability_margins
 from core.types import Array
 
 NotNegative = Annotated[float, NOT_NEGATIVE]
@@ -202,6 +202,7 @@ class JsbsimTest(SixDofTest):
     fewer: ClassVar[Mapping[str, Iterable[str]]] = {
         "maneuver": [name for name, each in MANEUVERS.items() if each.captured is None],
         "pilot": ["open_loop"],
+        "margins": [],
     }
     turn: ClassVar[float] = 1.4
 
@@ -215,6 +216,11 @@ class JsbsimTest(SixDofTest):
             raise ValueError(
                 "nobody can be in the loop of an aircraft of JSBSim: choose the pilot open_loop, "
                 "and a manoeuvre that captures no target"
+            )
+        if self.margins.label:
+            raise ValueError(
+                "stability margins need a closed loop that is known here, and JSBSim's aircraft "
+                "have their own flight controls: choose a linear or nonlinear aircraft"
             )
         super().__post_init__()
 
@@ -314,8 +320,9 @@ class NonlinearSimulator(SixDofSimulator):
         seen = c[SIGHTS[axis].output] @ moved
         return complex(seen / (1.0 + self.planned.maneuver.pedal_lag_s * s))
 
-    def plants(self, theta: Array) -> Plants:
-        return lateral_plants(self.planned.aircraft, self.point, theta)
+    def margins(self, theta: Array) -> Margins:
+        plants = lateral_plants(self.planned.aircraft, self.point, theta)
+        return stability_margins(plants, self.controller, self.planned.control_law.actuator)
 
     def _true_outputs(self, drawn: Drawn, commands: Array, gust: Array | None) -> Array:
         planned = self.planned
@@ -354,6 +361,9 @@ class JsbsimSimulator(SixDofSimulator):
             parameters=dict(zip(names, zip(nominal, spread, strict=True), strict=True)),
             inputs=np.zeros(1),
         )
+
+    def margins(self, theta: Array) -> Margins:
+        raise ValueError("the closed loop of JSBSim's aircraft is not known here: give limits")
 
     def fly(
         self, theta: Array, rng: np.random.Generator, scale: Array | None = None

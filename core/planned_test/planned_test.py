@@ -21,6 +21,7 @@ from core.planned_test.maneuver_simulator import (
     n_steps,
 )
 from core.recipe import later, to_plain
+from core.seeds import Branch, stream
 from core.simulation.aircraft import AIRCRAFT, Aircraft
 from core.simulation.control_law import (
     CONTROL_LAWS,
@@ -48,12 +49,15 @@ from core.simulation.maneuver import (
 from core.simulation.pilot import OpenLoop, Pilot, Sight
 from core.simulation.rollout import roll_out, sideslip_state
 from core.simulation.simulator import Parameters
+from core.simulation.stability_margins import LeastMargins, Margins, stability_margins
 from core.simulation.uncertain_plant import Plants
 from core.types import Array
 
 DEFAULT_AIRCRAFT = AIRCRAFT["f16_sl_h0_v502"]
 USUAL = DEFAULT_AIRCRAFT.condition.usual_test
 LARGEST_CHUNK = 4096
+MARGIN_AIRCRAFT = 100
+"""Aircraft whose stability margins an error names."""
 CHUNK_STEPS = 2_000_000
 """Steps of all rollouts of a chunk: about 100 MB."""
 
@@ -122,15 +126,14 @@ class ManeuverTest(ABC):
     max_safe: Annotated[int, Bounds(least=1)] = 10_000
     """safe rollouts kept: the first ones; further ones are only counted."""
     pilot: Pilot = later(OpenLoop())  # noqa: RUF009
+    margins: LeastMargins = later(LeastMargins())  # noqa: RUF009
+    """stability margins instead of limits: they label rollouts, and judge nothing in flight."""
 
     sights: ClassVar[Mapping[Axis, Sight]] = SIGHTS
     """What a pilot sees of the aircraft."""
     fewer: ClassVar[Mapping[str, Iterable[str]]] = {}
     """Parts of which it has not all members of their family, and those that it has."""
     usual_noise: ClassVar[SensorNoise] = USUAL_NOISE
-    for_more: ClassVar[str] = "raise the amplitude, lower the limit"
-    for_fewer: ClassVar[str] = "lower the amplitude, raise the limit"
-    """How more, or fewer, flights of the test fail."""
 
     def __post_init__(self) -> None:
         if not 0 < self.dt < self.maneuver.duration_s:
@@ -140,17 +143,43 @@ class ManeuverTest(ABC):
             )
         check_bounds(self)
         self.pilot.check(self.maneuver, self.sights)
+        if self.pilot.label and self.margins.label:
+            raise ValueError(
+                "the pilot who gives up and stability margins would both label the rollouts: omit "
+                "one"
+            )
         check_steps(self)
         check_observations(self)
 
     @property
     def judged_by(self) -> Specification:
         """What judges its flights."""
-        return self.pilot.label or self._limits()
+        return self.pilot.label or self.margins.label or self._limits()
 
     @abstractmethod
     def _limits(self) -> Specification:
-        """What judges its flights unless the pilot does."""
+        """What judges its flights unless pilot or margins do."""
+
+    @property
+    def for_more(self) -> str:
+        """How more flights of the test fail."""
+        if self.margins.label:
+            return f"{self.first_margins()}raise the least margin"
+        return "raise the amplitude, lower the limit"
+
+    @property
+    def for_fewer(self) -> str:
+        if self.margins.label:
+            return f"{self.first_margins()}lower the least margin"
+        return "lower the amplitude, raise the limit"
+
+    def first_margins(self) -> str:
+        """The stability margins of its first aircraft, as the begin of a remedy. ValueError where
+        they have none."""
+        simulator = self.simulator()
+        rng = stream(self.seed, Branch.PILOT_RUN)
+        margins = simulator.margins(simulator.sample(MARGIN_AIRCRAFT, rng))
+        return f"the first {MARGIN_AIRCRAFT} aircraft have {self.margins.in_words(margins)}: "
 
     @property
     def most_at_once(self) -> int:
@@ -282,6 +311,11 @@ class LateralSimulator(ManeuverSimulator):
     def plants(self, theta: Array) -> Plants:
         return self.plant.plants(theta)
 
+    def margins(self, theta: Array) -> Margins:
+        return stability_margins(
+            self.plants(theta), self.controller, self.recipe.control_law.actuator
+        )
+
     def outputs(self, drawn: Drawn) -> Array:
         recipe = self.recipe
         return roll_out(
@@ -294,6 +328,15 @@ class LateralSimulator(ManeuverSimulator):
             substeps=recipe.substeps,
             gust=drawn.gusts[0] if drawn.gusts else None,
             in_loop=drawn.in_loop,
+        )
+
+
+def needs_limits(test: ManeuverTest, what: str) -> None:
+    """ValueError for a test with stability margins, where limits are needed."""
+    if test.margins.label:
+        raise ValueError(
+            f"stability margins label rollouts of datasets, for monitors by forewarn train, the "
+            f"form or POST /datasets, and {what} needs limits: give limits instead"
         )
 
 

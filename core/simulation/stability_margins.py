@@ -5,15 +5,17 @@ loop and F_i the broken one, 1 + L_i(s) = det(s - F) / det(s - F_i), by the matr
 lemma: the poles with the loop closed and broken give its frequency response.
 """
 
+from dataclasses import dataclass
 from math import log
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from core.bounds import Bounds, check_bounds
 from core.simulation.control_law import Actuator, Controller, closed_loops
 from core.simulation.uncertain_plant import Plants
-from core.types import Array
+from core.types import Array, Flags
 
 FREQUENCIES = np.geomspace(0.02, 200.0, 800)
 """[rad/s] Grid of the frequency response; the closed loop's natural frequencies join it."""
@@ -23,6 +25,8 @@ real mode grows faster, or if any oscillation grows."""
 NO_LOOP = 1e-9
 """A loop of a smaller gain is one of rounding."""
 AT_ONCE = 256
+UNITS = {"gain": "dB", "phase": "deg", "disk": ""}
+"""Of each margin."""
 Poles = npt.NDArray[np.complex128]
 
 
@@ -38,6 +42,59 @@ class Margins(NamedTuple):
     gain: Array
     phase: Array
     disk: Array
+
+
+Decibels = Bounds(above=0, below=100, words="give its least value in dB, above 0 and below 100")
+Degrees = Bounds(above=0, below=180, words="give its least value in deg, above 0 and below 180")
+Radius = Bounds(above=0, below=2, words="give its least radius, above 0 and below 2")
+
+
+@dataclass(frozen=True)
+class LeastMargins:
+    """Stability margins of the closed loop, which label rollouts instead of the limits.
+
+    A rollout is unsafe if its aircraft has no more of one of these. No sample shows a margin: a
+    rollout fails at its last one, and in flight nothing is judged by it.
+    """
+
+    gain_db: Annotated[float | None, Decibels] = None
+    """least gain margin: factor on the loop, up or down, that makes it unstable [dB]."""
+    phase_deg: Annotated[float | None, Degrees] = None
+    """least phase margin: lead or lag that makes the loop unstable [deg]."""
+    disk: Annotated[float | None, Radius] = None
+    """least disk margin: radius of the disk of gain and phase changes together, 0 to 2."""
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+    @property
+    def given(self) -> dict[str, float]:
+        """By the name in `Margins`."""
+        every = {"gain": self.gain_db, "phase": self.phase_deg, "disk": self.disk}
+        return {kind: least for kind, least in every.items() if least is not None}
+
+    @property
+    def label(self) -> str:
+        """`requirement phase margin > 73 deg and disk margin > 1.2`; empty for none."""
+        texts = [f"{k} margin > {least:g} {UNITS[k]}".rstrip() for k, least in self.given.items()]
+        return f"requirement {' and '.join(texts)}" if texts else ""
+
+    def too_little(self, margins: Margins) -> Flags:
+        """(n,) whether aircraft with these margins are unsafe."""
+        return np.any([getattr(margins, kind) <= k for kind, k in self.given.items()], axis=0)
+
+    def in_words(self, margins: Margins) -> str:
+        """`phase margins of 60 to 85 deg`. ValueError where no aircraft has any."""
+        ranges = []
+        for kind in self.given:
+            low, high = float(getattr(margins, kind).min()), float(getattr(margins, kind).max())
+            ranges.append(f"{kind} margins of {low:.3g} to {high:.3g} {UNITS[kind]}".rstrip())
+            if low == np.inf:
+                raise ValueError(
+                    f"no change of {kind} makes any of these aircraft unstable, with this control "
+                    "law: choose another margin or a law with feedback"
+                )
+        return " and ".join(ranges)
 
 
 def loop_margins(broken: Poles, closed: Poles) -> Margins:

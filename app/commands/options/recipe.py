@@ -33,7 +33,7 @@ from app.recipes.recipes import (
     set_path,
     to_plain,
 )
-from app.telemetry.limit_texts import VALUE, extended
+from app.telemetry.limit_texts import VALUE, extended, margin_bounds
 from core.channels import BY_KEY, KEYS
 from core.evaluation.study import StudyRecipe
 from core.limits.flight_limits import ALL_CHANNELS, LoadLimits
@@ -205,7 +205,9 @@ def plain_recipe(options: argparse.Namespace) -> dict[str, Any]:
         set_path(plain, "dataset.maneuver.kind", options.maneuver)
     if options.pilot is not None:
         set_path(plain, "dataset.pilot.kind", options.pilot)
-    if options.limit and isinstance(default_test(plain["dataset"]), SixDofTest):
+    if bounds := margin_bounds(options.limit or ()):
+        set_path(plain, "dataset.margins", bounds)
+    elif options.limit and isinstance(default_test(plain["dataset"]), SixDofTest):
         set_path(plain, f"dataset.{STORED_LIMITS}", flight_limits(options.limit))
     elif options.limit:
         limits = dict.fromkeys(KEYS) | dict(map(channel_value, options.limit))

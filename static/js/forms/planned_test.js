@@ -21,6 +21,8 @@ const SIZE = "n_unsafe";
 const GROUPS = "groups";
 /** Objects that are shown open. */
 const OPEN = ["condition", "limits"];
+/** Objects beside them, folded. */
+const BESIDE = ["margins"];
 
 const MODELS = [
   ["dataset", "Linear, lateral motion"],
@@ -64,7 +66,7 @@ function fieldsOf({ api, catalog, model, initial, asFlown, withGroups }) {
   const fields = createFields(schema, begun, { catalog, path: "dataset", unfolded: OPEN });
   const { properties } = schema;
   const families = fields.keys.filter((key) => key !== GROUPS && properties[key]["x-family"]);
-  const open = OPEN.filter((key) => key in properties);
+  const open = [...OPEN, ...BESIDE].filter((key) => key in properties);
   const rest = fields.keys.filter((key) => ![...families, ...open, SIZE, GROUPS].includes(key));
   const objects = rest.filter((key) => properties[key].properties);
   const main = h("div.columns.test-columns", [...families, ...open].map(fields.element));

@@ -316,24 +316,40 @@ def test_margins_label_the_rollouts_of_a_simulated_aircraft(tmp_path, capsys):
     ]
     options = [*small, "--epsilon", "0.2", "--predictor", "linear", "--score", "nearest_neighbor"]
     assert main(["train", *options, "--limit", "phase margin > 73 deg"]) == 0
-    assert "trained on 40 failing" in capsys.readouterr().out
+    assert "simulated 40 unsafe" in capsys.readouterr().out
     assert load(out).specification == "requirement phase margin > 73 deg"
 
 
 @pytest.mark.parametrize(
     ("limits", "words"),
     [
-        (["phase margin > 73"], "phase margin > 30 deg"),
-        (["phase margin < 73 deg"], "phase margin > 30 deg"),
+        (["phase margin > 73"], "a phase margin is in deg: write"),
+        (["phase margin > 6 dB"], "a phase margin is in deg: write"),
+        (["disk margin > 1 deg"], "a disk margin is without a unit: write"),
+        (["phase margin < 73 deg"], "write its least value as"),
+        (["phase margin > 400 deg"], "above 0 and below 180"),
+        (["disk margin > 3"], "above 0 and below 2"),
+        (["phase margin > 73 deg", "phase margin > 70 deg"], "omit one"),
         (["gain margin > 6 dB", "Ny=0.5"], "omit one"),
-        (["gain margin > 6 dB"], "omit --print-recipe"),
+        (["gain margin > 6 dB", "disk margin > 1"], "no change of gain makes any"),
     ],
 )
 def test_a_margin_that_cannot_label_is_refused(limits, words, tmp_path, capsys):
     given = [part for limit in limits for part in ("--limit", limit)]
     out = str(tmp_path / "m.fwm")
-    assert main(["train", *given, "--print-recipe", "--out", out]) == 1
+    bare = ["--control-law", "none", "--amplitude", "5"]
+    assert main(["train", *bare, *given, "--print-recipe", "--out", out]) == 1
     assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["study", "campaign"])
+def test_margins_are_refused_where_limits_are_compared(command, tmp_path, capsys):
+    margins = ["--aircraft", "attas_id_16kft", "--limit", "phase margin > 73 deg"]
+    where = ["new", str(tmp_path / "plan.json"), "--name", "x"] if command == "campaign" else []
+    assert main([command, *where, *margins]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"a {command} needs limits" in line
+    assert "forewarn train" in line
 
 
 def test_rollouts_of_others_show_no_margin(tmp_path, capsys):

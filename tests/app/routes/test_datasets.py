@@ -11,7 +11,7 @@ from core.monitor import train
 from core.planned_test.amplitude import suggest_amplitude
 from core.planned_test.collection import DatasetRecipe, collect
 from core.simulation.aircraft import AIRCRAFT, MatrixAircraft
-from tests.support.api import finished, problem, store_of
+from tests.support.api import api, finished, problem, store_of
 
 LAW = {"control_law": {"kind": "attas_damper"}}
 RECIPE = {"n_unsafe": 5, "n_obs": 10, "seed": 3, "maneuver": {"amplitude_deg": 10.0}}
@@ -190,3 +190,33 @@ def test_an_unknown_dataset_is_not_found(client, path):
 @pytest.mark.parametrize("order", [{"n_unsafe": "50"}, {"dt": "0.05"}, {"n_unsafe": True}])
 def test_a_number_in_quotes_is_refused(client, order):
     assert "give a number" in problem(client.post("/api/v1/datasets", json=order), 422)
+
+
+def test_stability_margins_label_rollouts_of_a_dataset_and_its_monitor(tmp_path):
+    aircraft = {"kind": "attas_id_16kft"}
+    test = {"aircraft": aircraft, "margins": {"phase_deg": 73.0}, "n_unsafe": 30}
+    with api(tmp_path) as client:
+        job = finished(client, client.post("/api/v1/datasets", json=test))
+        dataset = client.get(f"/api/v1/datasets/{job['result']['dataset']}").json()
+        assert dataset["limits"] == "requirement phase margin > 73 deg"
+        order = {"dataset": dataset["id"], "epsilon": 0.2, "n_test": 60, "guarantee": "average"}
+        method = {"predictor": {"kind": "linear"}, "score": {"kind": "nearest_neighbor"}}
+        job = finished(client, client.post("/api/v1/monitors", json=order | method))
+        monitor = client.get(f"/api/v1/monitors/{job['result']['monitor']}").json()
+        assert monitor["limits"] == dataset["limits"]
+        evaluation = client.get(f"/api/v1/monitors/{monitor['id']}/evaluation").json()
+        assert "prevention" not in evaluation, "a stopped flight keeps its aircraft"
+        assert "opposite_input" in evaluation["robustness"]
+        many = test | {"margins": {"phase_deg": 400.0}}
+        assert "below 180" in problem(client.post("/api/v1/datasets", json=many), 422)
+        for resource in ("studies", "sweeps"):
+            refused = client.post(f"/api/v1/{resource}", json={"dataset": dataset["id"]})
+            assert "give limits instead" in problem(refused, 422)
+        asked = client.post("/api/v1/datasets/amplitude", json=test)
+        assert "do not depend on the amplitude" in problem(asked, 422)
+
+
+def test_a_campaign_by_margins_is_refused(client):
+    conditions = [{"name": "Mach 0.6", "dataset": {"margins": {"phase_deg": 100.0}}}]
+    plan = {"name": "margins", "conditions": conditions}
+    assert "a campaign needs limits" in problem(client.post("/api/v1/campaigns", json=plan), 422)

@@ -14,9 +14,6 @@ from app.catalog import catalog
 from app.store.store import Store
 from core.monitor import train
 from core.monitor.calibration import Guarantee, failures_needed
-from core.planned_test.collection import DatasetRecipe, collect
-from core.planned_test.margin_labels import MarginBound, labelled_by_margins
-from core.simulation.aircraft import AIRCRAFT
 from tests.browser.site import open_site
 from tests.support.glb_file import glb
 
@@ -555,18 +552,27 @@ def test_methods_and_rules_of_others_are_compared_on_a_dataset(page: Page, site:
 
 
 def test_a_dataset_labelled_by_margins_names_its_test_and_says_that_it_has_no_limits(
-    page: Page, site: Site
+    page: Page, site: Site, allowed_errors: list[str]
 ) -> None:
-    planned = replace(DatasetRecipe.usual(AIRCRAFT["attas_id_16kft"]), n_unsafe=5)
-    labelled = labelled_by_margins(planned, [MarginBound("phase", 73.0)])
-    dataset = site.store.datasets.add(collect(labelled), "by margins").id
+    allowed_errors.append("422")
+    page.goto(f"{site.http}/#/datasets/new")
+    field(page, "dataset.aircraft.kind").select_option("attas_id_16kft")
+    margins = page.locator('details[data-path="dataset.margins"]')
+    margins.locator("summary").click()
+    expect(margins).to_contain_text("label rollouts, and judge nothing in flight")
+    field(page, "dataset.margins.phase_deg").fill("180")
+    field(page, "dataset.n_unsafe").fill("5")
+    page.get_by_role("button", name="Simulate", exact=True).click()
+    expect(margins).to_contain_text("below 180")
+    field(page, "dataset.margins.phase_deg").fill("73")
+    page.get_by_role("button", name="Simulate", exact=True).click()
+    page.wait_for_url(re.compile(r"#/datasets/\w{6,}$"))
+    dataset = page.url.rpartition("/")[2]
     try:
-        page.goto(f"{site.http}/#/datasets/{dataset}")
         facts = page.locator("main")
         expect(facts).to_contain_text("none: failures are known by label only")
         expect(facts).to_contain_text("requirement phase margin > 73 deg")
         expect(facts).to_contain_text("ATTAS")
-        expect(facts).to_contain_text("with labels by stability margins")
         expect(facts).not_to_contain_text("own simulator")
     finally:
         page.goto("about:blank")
