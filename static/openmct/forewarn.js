@@ -238,6 +238,7 @@ function createLink(id, server, { url, token }, closed) {
   let late = 0; // age that counts as stale [s]
   let attempt = 0;
   let timer = 0;
+  let isClosed = false;
   const link = { isStale: true, on, newest: (key) => newest.get(key) };
   const watch = setInterval(() => socket && performance.now() - heard > SILENCE && lost(), SILENCE / 5);
 
@@ -250,7 +251,8 @@ function createLink(id, server, { url, token }, closed) {
     });
     return () => {
       listeners.get(key).delete(callback);
-      if ([...listeners.values()].some(({ size }) => size > 0)) return;
+      if (isClosed || [...listeners.values()].some(({ size }) => size > 0)) return;
+      isClosed = true;
       clearInterval(watch);
       clearTimeout(timer);
       shut();
@@ -273,10 +275,8 @@ function createLink(id, server, { url, token }, closed) {
       lost();
       return;
     }
-    if (flight.isOver) {
-      setStale("ENDED");
-      return;
-    }
+    if (flight.isOver) setStale("ENDED");
+    if (flight.isOver || isClosed) return;
     heard = performance.now();
     const mine = new WebSocket(`${url.replace(/^http/, "ws")}/api/v1/flights/${id}/stream${token && `?token=${encodeURIComponent(token)}`}`);
     socket = mine;
@@ -296,6 +296,7 @@ function createLink(id, server, { url, token }, closed) {
   }
 
   function lost() {
+    if (isClosed) return;
     shut();
     setStale("STALE");
     timer = setTimeout(connect, WAITS[Math.min(attempt++, WAITS.length - 1)]);
@@ -330,7 +331,7 @@ function createLink(id, server, { url, token }, closed) {
   /** Other limits or another monitor: from the next sample on. */
   async function update() {
     const fresh = await server.flight(id, 0).catch(lost);
-    if (fresh) flight = Object.assign(fresh, { noRest: flight.noRest });
+    if (fresh) flight = Object.assign(fresh, { noRest: flight.noRest, zero: flight.zero });
     emit("limits", flight);
   }
 
@@ -360,6 +361,9 @@ function createLink(id, server, { url, token }, closed) {
       const heeded = flight.points.filter(({ key, of }) => of && listeners.get(key)?.size > 0);
       for (const point of heeded) push(point.key, dataOf(flight, point, fresh, newest.get(point.key)?.value));
       if (link.isStale) withdraw("STALE"); // they came late
+    },
+    reset: ({ t }) => {
+      if (flight.mode !== "live" && utcAt(flight, t) <= newestUtc) flight.zero += newestUtc + 1 - utcAt(flight, t); // it jumped back: its newest value is the last
     },
     state: ({ state }) => {
       states.sample = state;

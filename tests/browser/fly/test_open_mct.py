@@ -247,6 +247,26 @@ def test_live_values_are_those_of_the_record(stub: Page, range_: Range) -> None:
     assert record[-1]["side"] == "upr"
     last = stub.evaluate("(key) => mct.request(key, { strategy: 'latest' })", f"{flight}.state")
     assert stub.evaluate("([{ value }]) => value", last) == 10  # EXCEEDING
+    assert range_.ask("GET", f"/flights/{flight}")["watchers"] == 1
+    stub.evaluate(f"mct.heard['{key}'].off()")
+    until(lambda: range_.ask("GET", f"/flights/{flight}")["watchers"] == 0)
+    range_.ask("POST", f"/flights/{flight}/end", {})
+
+
+def test_the_newest_value_of_a_replay_that_jumps_back_is_the_last(
+    stub: Page, range_: Range
+) -> None:
+    flight = range_.fly(UNSAFE)
+    steer = partial(range_.ask, "POST", f"/flights/{flight}/transport")
+    steer({"action": "pause"})
+    steer({"action": "seek", "value": 2.0})
+    key = f"{flight}.channel-0"
+    stub.evaluate("(key) => mct.listen(key)", key)
+    for t in (2.0, 1.0):
+        steer({"action": "seek", "value": t})
+        wait_until(stub, f"Math.abs(mct.heard['{key}'].data.at(-1)?.t - {t}) < 0.01")
+    times = [each["utc"] for each in stub.evaluate(f"mct.heard['{key}'].data")]
+    assert times[-1] == max(times)
     range_.ask("POST", f"/flights/{flight}/end", {})
 
 
