@@ -31,7 +31,7 @@ test: $(READY) ## every test but the long campaign of damaged files; a file's te
 fuzz: $(READY) ## what repeats facts at length: ten thousand damaged files, calls of every route, a hundred and ten kills of the server, laws at every case
 	FOREWARN_CAMPAIGN=1 $(TESTING) $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "fuzz or (hypothesis and not benchmark)" $(ALSO)
 
-services: $(READY) ## the tests that need PostgreSQL (initdb on the path), Dask or Open MCT (npm); they start and stop it
+services: $(READY) ## the tests that need PostgreSQL (initdb on the path), Dask, mosquitto or Open MCT (npm); they start and stop it
 	$(TESTING) $(BIN)/python -m pytest -n 0 -m "services and not benchmark" $(ALSO)
 
 lint: $(READY) ## style, formatting and the direction of imports
@@ -59,7 +59,7 @@ wheelhouse: ## all that an installation without a network needs, in the folder w
 	rm -rf wheelhouse && mkdir wheelhouse
 	$(PYTHON) -m pip wheel --quiet --no-deps --wheel-dir wheelhouse .
 	$(PYTHON) -m pip download --quiet --only-binary :all: --dest wheelhouse --find-links wheelhouse \
-	    'forewarn[ulog,mdf,tdms,mcap,fmu,jsbsim,postgres,dask] @ file://$(CURDIR)/'wheelhouse/$$(cd wheelhouse && ls forewarn-*.whl)
+	    'forewarn[ulog,mdf,tdms,mcap,fmu,jsbsim,postgres,dask,mqtt] @ file://$(CURDIR)/'wheelhouse/$$(cd wheelhouse && ls forewarn-*.whl)
 	cp app/upkeep/offline.py wheelhouse/install.py
 
 $(RUNS): pyproject.toml

@@ -26,6 +26,7 @@ COMMANDS = {
     "sample-flight": "write a simulated flight as a CSV file to score",
     "serve": "serve the page and the API",
     "push": "send a recording to a live flight, as a telemetry source does",
+    "mqtt": "connect a flight with an MQTT broker: samples in, assessments and alarms out",
     "backup": "write the database and the recordings to one file; the server may run",
     "restore": "restore a backup, completely or not at all",
     "copy-store": "copy a database to an empty one, SQLite or PostgreSQL",

@@ -24,7 +24,8 @@ import msgspec
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketException
 
-from app.client.outbox import Outbox, OutgoingBatch, PushFailed
+from app.client.flight_stream import FlightStream
+from app.client.outbox import OnSettled, Outbox, OutgoingBatch, PushFailed
 
 Way = Literal["websocket", "rest", "udp"]
 MOST_VALUES = 8_000
@@ -53,6 +54,7 @@ class LiveClient:
     patience: longest wait for acknowledgements when leaving, since the last one [s].
     keep_open: leave the flight in progress. Otherwise leaving the client's context ends the flight
     that it started or pushed into, once every sample is durable; an error never ends a flight.
+    on_settled: called in another thread, see OnSettled.
     """
 
     def __init__(
@@ -64,6 +66,7 @@ class LiveClient:
         udp_key: str | None = None,
         patience: float = PATIENCE_S,
         keep_open: bool = False,
+        on_settled: OnSettled | None = None,
     ) -> None:
         self.keep_open, self._has_started = keep_open, False
         self.url, self.way, self.patience = url.rstrip("/"), way, patience
@@ -76,7 +79,7 @@ class LiveClient:
         self._options: dict[str, Any] = {"headers": headers, "timeout": REQUEST_S}
         self._options |= {"trust_env": False, "base_url": f"{self.url}/api/v1"}
         self._headers, self._udp_key = headers, udp_key
-        self._samples = Outbox(MOST_VALUES_UDP if way == "udp" else MOST_VALUES)
+        self._samples = Outbox(MOST_VALUES_UDP if way == "udp" else MOST_VALUES, on_settled)
         self._thread: threading.Thread | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._closing = self._flushing = False
@@ -124,6 +127,18 @@ class LiveClient:
     def flight_status(self, flight: str) -> dict[str, Any]:
         return self._ask("GET", f"/flights/{flight}")
 
+    def in_progress(self) -> list[dict[str, Any]]:
+        """The flights in progress."""
+        return self._ask("GET", "/flights?progress=running")
+
+    def alarms(self) -> list[dict[str, Any]]:
+        """All alarms of the flight, in the order raised."""
+        return self._ask("GET", f"/flights/{self.flight}/alarms")
+
+    def stream(self) -> FlightStream:
+        """What the server shows of the flight."""
+        return FlightStream(self.url, self._headers, self.flight)
+
     def status(self) -> dict[str, Any]:
         """State of the source on the server: last_sequence, names, counts by kind, ..."""
         return self._ask("GET", f"/flights/{self.flight}/samples")
@@ -144,18 +159,42 @@ class LiveClient:
 
         Returns at once, unless MOST_WAITING samples are not durable yet.
         """
+        self._ensure_thread()
+        named = {**(sample or {}), **values}
+        self._samples.put({k: None if x is None else float(x) for k, x in named.items()})
+        self._wake()
+
+    def send_batch(self, values: dict[str, Any]) -> int:
+        """Push samples as a batch of its own, which the server accepts or refuses as a whole.
+
+        values: a number, None or a list of them by name. Returns the number of the batch, at once.
+        PushFailed; ValueError if it is too large.
+        """
+        self._ensure_thread()
+        sequence = self._samples.put_batch(values)
+        self._wake()
+        return sequence
+
+    def _ensure_thread(self) -> None:
         if self._thread is None:
             if not self.flight:
                 raise PushFailed("no flight yet: call start or join before send")
             self._thread = threading.Thread(target=self._work, name="live client", daemon=True)
             self._thread.start()
-        named = {**(sample or {}), **values}
-        self._samples.put({k: None if x is None else float(x) for k, x in named.items()})
-        self._wake()
+
+    @property
+    def is_full(self) -> bool:
+        """Whether MOST_WAITING samples are not durable yet."""
+        return self._samples.is_full
+
+    @property
+    def failure(self) -> str:
+        """Why no more samples can be pushed; empty if they can."""
+        return self._samples.failure
 
     @property
     def sent(self) -> int:
-        """Number of samples given to `send`."""
+        """Number of samples given to `send` or `send_batch`."""
         return self._samples.n_put
 
     @property

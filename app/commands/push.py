@@ -33,10 +33,7 @@ NOT_AS_FLOWN = (
 
 def add(parser: argparse.ArgumentParser) -> None:
     option(parser, "file FILE", "telemetry in any supported format", type=Path)
-    into = parser.add_mutually_exclusive_group(required=True)
-    option(into, "--flight ID", "live flight in progress")
-    option(into, "--monitor ID", "start a live flight with this monitor")
-    option(into, "--monitor-set ID", "start a live flight with this monitor set")
+    add_flight(parser)
     ways = parser.add_mutually_exclusive_group()
     for way, words in (
         ("websocket", "by WebSocket (the default)"),
@@ -45,20 +42,9 @@ def add(parser: argparse.ArgumentParser) -> None:
     ):
         ways.add_argument(f"--{way}", dest="way", action="store_const", const=way, help=words)
     option(parser, "--rate 1x|4x|...|max", "multiple of the recorded rate", default="1x")
-    option(parser, "--server URL", "default: %(default)s", default="http://127.0.0.1:8000")
     option(parser, "--token TOKEN", f"an operator's token; default: {TOKEN}")
-    option(parser, "--name NAME", "of the started flight")
     option(parser, "--mapping FILE.json", "mapping of the signals", type=Path)
-    option(
-        parser,
-        "--condition KEY=VALUE",
-        "declared flight condition of a flight on a monitor set, such as mach=0.6 or "
-        f"altitude=30000ft: {', '.join(CONDITION_KEYS)}",
-        action="append",
-        default=[],
-    )
     option(parser, "--as-is", "send the file's own names and numbers; the flight maps them")
-    option(parser, "--recording ID", "stored recording whose mapping the started flight uses")
     option(
         parser,
         "--keep-open",
@@ -67,6 +53,44 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--end", action="store_true", help=argparse.SUPPRESS)  # the default now
     add_json(parser)
     parser.set_defaults(way="websocket")
+
+
+def add_flight(parser: argparse.ArgumentParser) -> None:
+    """Options of a flight in progress, or of one to start."""
+    into = parser.add_mutually_exclusive_group(required=True)
+    option(into, "--flight ID", "flight in progress")
+    option(into, "--monitor ID", "start a live flight with this monitor")
+    option(into, "--monitor-set ID", "start a live flight with this monitor set")
+    option(parser, "--server URL", "default: %(default)s", default="http://127.0.0.1:8000")
+    option(parser, "--name NAME", "of the started flight")
+    option(
+        parser,
+        "--condition KEY=VALUE",
+        "declared flight condition of a flight on a monitor set, such as mach=0.6 or "
+        f"altitude=30000ft: {', '.join(CONDITION_KEYS)}",
+        action="append",
+        default=[],
+    )
+    option(parser, "--recording ID", "stored recording whose mapping the started flight uses")
+
+
+def start_flight(
+    client: LiveClient,
+    options: argparse.Namespace,
+    name: str | None,
+    declared: dict[ConditionKey, float],
+) -> None:
+    """Start the flight of these options. PushFailed."""
+    about = {"name": name, "recording": options.recording}
+    groups = {"monitor_set": options.monitor_set, "condition": declared}
+    client.start(options.monitor, **groups, **about)
+
+
+def declared_of(options: argparse.Namespace) -> dict[ConditionKey, float]:
+    """The declared flight condition, in SI units. ValueError."""
+    if options.condition and not options.monitor_set:
+        raise ValueError("--condition is for a flight on a monitor set: give --monitor-set too")
+    return dict(map(_declared, options.condition))
 
 
 def run(options: argparse.Namespace) -> int:
@@ -78,8 +102,6 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError("--as-is needs a mapping: give --recording ID too")
     if options.recording and not options.as_is:
         raise ValueError("--recording maps the file's own names: give --as-is too")
-    if options.condition and not options.monitor_set:
-        raise ValueError("--condition is for a flight on a monitor set: give --monitor-set too")
     token = options.token or os.environ.get(TOKEN)
     udp_key = os.environ.get(UDP_KEY)
     client = LiveClient(options.server, token, way=options.way, udp_key=udp_key)
@@ -120,7 +142,7 @@ def _prepared(client: LiveClient, options: argparse.Namespace) -> RecordedRows:
     from app.commands.recorded_rows import raw_rows, si_rows  # slow to import
     from core.channels import Dictionary
 
-    declared = dict(map(_declared, options.condition))
+    declared = declared_of(options)
     flight, cases = {}, [{"monitor": options.monitor, "ranges": {}}]
     if options.flight:
         flight = client.flight_status(options.flight)
@@ -142,9 +164,7 @@ def _prepared(client: LiveClient, options: argparse.Namespace) -> RecordedRows:
 
     def start() -> None:
         if not options.flight:
-            about = {"name": options.name, "recording": options.recording}
-            groups = {"monitor_set": options.monitor_set, "condition": declared}
-            client.start(options.monitor, **groups, **about)
+            start_flight(client, options, options.name, declared)
 
     if options.as_is:
         start()

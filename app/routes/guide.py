@@ -33,6 +33,7 @@ SLUGS = (
     "several-servers",
     "without-a-network",
     "open-mct",
+    "mqtt",
     "rest-and-streams",
     "command-line",
     "method",

@@ -9,6 +9,7 @@ import pytest
 
 from app.assessment.batches import MOST_SAMPLES
 from app.client import LiveClient, PushFailed, Way
+from app.client.outbox import MOST_BYTES
 from app.serving import LARGEST_MESSAGE
 from app.settings import Settings
 from app.store.store import open_store
@@ -93,6 +94,28 @@ def test_a_sample_that_is_none_is_left_out_and_told(server: LiveServer) -> None:
     with pytest.raises(PushFailed, match=r"1 of 2 samples .* missing channels: beta"):
         client.__exit__(None, None, None)
     assert (client.durable, client.refused) == (1, 1)
+
+
+def test_a_batch_that_is_refused_takes_no_other_with_it(server: LiveServer) -> None:
+    settled: dict[int, str] = {}
+    client = LiveClient(server.url, on_settled=settled.__setitem__)
+    client.start(server.monitor_id, trim="none")
+    batches = [{"t": DT * k, **REST} for k in range(5)]
+    batches[2] = {"t": "noon", **REST}
+    assert [client.send_batch(batch) for batch in batches] == [*range(5)]
+    assert not client.flush()
+    client.close()
+    assert (client.sent, client.durable, client.refused) == (5, 4, 1)
+    assert [bool(settled[k]) for k in range(5)] == [False, False, True, False, False]
+
+
+def test_a_batch_beyond_the_largest_message_is_refused_at_once() -> None:
+    client = LiveClient()
+    assert MOST_BYTES == LARGEST_MESSAGE
+    client.flight = "flight"
+    with pytest.raises(ValueError, match=f"at most {MOST_BYTES}"):
+        client.send_batch({"t": "x" * MOST_BYTES})
+    client.close()
 
 
 @pytest.mark.parametrize("way", ["websocket", "rest"])

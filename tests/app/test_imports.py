@@ -12,7 +12,7 @@ LIBRARIES = (
     "asammdf", "chapter10", "h5py", "matplotlib", "pandas", "pyarrow", "pyulog", "scipy.io",
     "scipy.signal", "scipy.stats",
 )  # fmt: skip
-LIGHT = ("audit", "backup", "certificate", "push", "restore", "retain", "score", "serve")
+LIGHT = ("audit", "backup", "certificate", "mqtt", "push", "restore", "retain", "score", "serve")
 """Commands whose options need none of what they work with."""
 NOT_FOR_HELP = ("fastapi", "numba", "numpy", "sqlalchemy")
 

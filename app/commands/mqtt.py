@@ -1,0 +1,150 @@
+"""The command that connects a live flight with an MQTT broker."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import os
+import ssl
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+from urllib.parse import urlsplit
+
+from app.commands.options.option import option
+from app.commands.push import TOKEN, add_flight, declared_of, start_flight
+
+if TYPE_CHECKING:  # slow to import, and not needed for help
+    from app.client import LiveClient
+    from app.client.mqtt_bridge import Broker
+
+PASSWORD = "FOREWARN_MQTT_PASSWORD"
+PORTS = {"mqtt": 1883, "mqtts": 8883}
+LOCAL = ("127.0.0.1", "::1", "localhost")
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    option(parser, "source SOURCE", "name of the source, in the topics PREFIX/SOURCE/...")
+    option(
+        parser,
+        "--broker URL",
+        "MQTT 5 broker, mqtt://host or mqtts://host for TLS; default: %(default)s",
+        default="mqtt://127.0.0.1",
+    )
+    option(parser, "--prefix PREFIX", "of the topics; default: %(default)s", default="forewarn")
+    option(parser, "--user NAME", f"user of the broker; the password is in {PASSWORD}")
+    option(parser, "--password-file FILE", "file with the broker's password", type=Path)
+    option(parser, "--ca FILE", "PEM file that certifies the broker, if not the system", type=Path)
+    option(parser, "--certificate FILE", "PEM file that certifies this client", type=Path)
+    option(parser, "--key FILE", "PEM file with the key of --certificate", type=Path)
+    option(
+        parser,
+        "--keep SECONDS",
+        "time for which the broker keeps samples while this command is stopped; "
+        "default: %(default)s",
+        type=int,
+        default=600,
+    )
+    add_flight(parser)
+    parser.epilog = f"{TOKEN} holds an operator's token, if the server needs one."
+
+
+def run(options: argparse.Namespace) -> int:
+    """Connect until the flight has ended. Returns 0 then."""
+    broker, topic = broker_of(options), topic_of(options.prefix, options.source)
+    from app.client.mqtt_bridge import MqttBridge  # slow to import, not needed for help
+
+    bridge = MqttBridge(broker, topic, options.server, os.environ.get(TOKEN), say)
+    join_or_start(bridge.client, options)
+    say(f"{broker} {topic}/samples into {bridge.client.address}")
+    say(asyncio.run(bridge.run()))
+    return 0
+
+
+def say(text: str) -> None:
+    print(f"forewarn: {text}", file=sys.stderr, flush=True)
+
+
+def join_or_start(client: LiveClient, options: argparse.Namespace) -> None:
+    """Join the given flight, or the one in progress of this name and monitor, or start it."""
+    name, declared = options.name or options.source, declared_of(options)
+    flight = options.flight
+    if flight is None:
+        wanted = options.monitor_set or options.monitor
+        flights = (
+            each["id"]
+            for each in client.in_progress()
+            if each["name"] == name
+            and each["source"]["kind"] == "live"
+            and wanted == (each["monitor_set"]["id"] if each["monitor_set"] else each["monitor"])
+        )
+        flight = next(flights, None)
+    if flight is None:
+        start_flight(client, options, name, declared)
+    elif client.flight_status(flight)["source"]["kind"] == "live":
+        client.join(flight)
+    else:
+        client.flight = flight
+
+
+def topic_of(prefix: str, source: str) -> str:
+    """The topic that all others are below. ValueError."""
+    for what, text in (("--prefix", prefix), ("SOURCE", source)):
+        if not text or text != text.strip("/") or text.startswith("$") or set(text) & set("+#\0"):
+            raise ValueError(
+                f"{what} {text!r} is no part of a topic: give letters, digits, - and _, such as "
+                "F16-7; a prefix may have parts, such as range/forewarn"
+            )
+    if "/" in source:
+        raise ValueError(f"SOURCE {source!r} has parts: give those before the last by --prefix")
+    return f"{prefix}/{source}"
+
+
+def broker_of(options: argparse.Namespace) -> Broker:
+    """The broker and the login of these options. ValueError; OSError for files."""
+    url = urlsplit(options.broker)
+    try:
+        port = url.port
+    except ValueError:
+        port = 0
+    if url.scheme not in PORTS or not url.hostname or url.path not in ("", "/") or port == 0:
+        raise ValueError(
+            f"--broker {options.broker!r}: give mqtt://host or mqtts://host, with :port if it is "
+            f"not {PORTS['mqtt']} or {PORTS['mqtts']}"
+        )
+    if "@" in url.netloc:
+        raise ValueError(
+            f"--broker holds a login, which others of this machine can read: give --user, and the "
+            f"password by {PASSWORD} or --password-file"
+        )
+    password = os.environ.get(PASSWORD)
+    if options.password_file is not None:
+        password = options.password_file.read_text(encoding="utf-8").rstrip("\r\n")
+    if password and options.user is None:
+        raise ValueError("a password of the broker needs its user: give --user")
+    tls = None
+    if url.scheme == "mqtts":
+        tls = _tls(options)
+    elif options.ca or options.certificate:
+        raise ValueError("--ca and --certificate are for TLS: give --broker mqtts://...")
+    elif password and url.hostname not in LOCAL:
+        say(f"WARNING: the password goes to {url.hostname} unencrypted: use mqtts://")
+    from app.client.mqtt_bridge import Broker  # slow to import, not needed for help
+
+    about = options.user, password, tls, options.keep
+    return Broker(url.hostname, port or PORTS[url.scheme], *about)
+
+
+def _tls(options: argparse.Namespace) -> ssl.SSLContext:
+    for path in filter(None, (options.ca, options.certificate, options.key)):
+        if not path.is_file():
+            raise ValueError(f"{path} is no file: give a PEM file")
+    try:
+        context = ssl.create_default_context(cafile=options.ca)
+        if options.certificate is not None:
+            context.load_cert_chain(options.certificate, options.key)
+    except ssl.SSLError as error:
+        raise ValueError(
+            f"--ca, --certificate and --key are no PEM files that belong together ({error})"
+        ) from None
+    return context

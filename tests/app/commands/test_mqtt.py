@@ -1,0 +1,296 @@
+"""`forewarn mqtt`: what the broker was told is received, and a silence is never calm."""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import httpx2
+import pytest
+
+from app.cli import main
+from app.client.mqtt_bridge import MqttBridge
+from app.settings import Settings
+from app.store.store import open_store
+from core.channels import KEYS
+from tests.app.flights.test_flights import monitor
+from tests.faults.server import reserved_port
+from tests.faults.server import running as server_running
+from tests.support import mosquitto
+from tests.support.live_server import LiveServer, journal_samples, live_server
+from tests.support.mosquitto import Mosquitto, Range
+from tests.support.patience import PATIENCE, until
+
+DT, TOPIC = 0.05, "forewarn/F16"
+CALL = [sys.executable, "-c", "from app.cli import main; raise SystemExit(main())", "mqtt", "F16"]
+
+
+def sample(k: int) -> dict[str, float]:
+    return {"t": DT * k, **dict.fromkeys(KEYS, 1e-4 * (k % 5))}
+
+
+@pytest.mark.parametrize(
+    ("options", "needed"),
+    [
+        (["--broker", "http://host"], "mqtt://host or mqtts://host"),
+        (["--broker", "mqtt://ann:secret@host"], "--password-file"),
+        (["--broker", "mqtt://host:none"], "with :port"),
+        (["--prefix", "range/#"], "no part of a topic"),
+        (["--ca", "ca.pem"], "mqtts://"),
+        (["--broker", "mqtts://host", "--ca", "ca.pem"], "ca.pem is no file"),
+        (["--password-file", __file__], "--user"),
+        (["--condition", "mach=0.6"], "--monitor-set"),
+    ],
+)
+def test_wrong_options_are_refused_before_anything_is_connected(
+    options: list[str], needed: str, capsys: pytest.CaptureFixture
+):
+    assert main(["mqtt", "F16", "--monitor", "m", *options]) == 1
+    assert needed in capsys.readouterr().err
+
+
+@contextmanager
+def bridge(
+    broker: Mosquitto, server: str, *into: str, **environment: str
+) -> Iterator[subprocess.Popen[str]]:
+    """The command in a process of its own."""
+    call = [*CALL, "--broker", broker.url, "--server", server, *into]
+    with subprocess.Popen(call, stderr=subprocess.PIPE, text=True, env=environment or None) as made:
+        try:
+            yield made
+        finally:
+            made.kill()
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer]:
+    with live_server(tmp_path_factory.mktemp("data")) as server:
+        yield server
+
+
+@pytest.fixture
+def broker() -> Iterator[Mosquitto]:
+    with mosquitto.running() as broker:
+        yield broker
+
+
+@pytest.fixture
+def far(broker: Mosquitto) -> Iterator[Range]:
+    far = Range(broker, TOPIC)
+    yield far
+    far.close()
+
+
+@pytest.mark.services
+def test_samples_go_in_and_assessments_out_and_a_bad_message_stops_nothing(
+    server: LiveServer, broker: Mosquitto, far: Range
+):
+    with bridge(broker, server.url, "--monitor", server.monitor_id):
+        flight = far.state(progress="running")["flight"]
+        for k in range(0, 100, 10):
+            far.publish(sample(k))
+            columns = [sample(k + i) for i in range(1, 5)]
+            far.publish({name: [x[name] for x in columns] for name in ("t", *KEYS)})
+            far.publish([sample(k + i) for i in range(5, 10)])
+            far.publish(b"nonsense" if k == 50 else {"p": 1.0})
+        until(lambda: len(far.of("assessments")) == 100)
+        far.publish(sample(100), qos=0)
+        until(lambda: len(far.of("assessments")) == 101)
+        until(lambda: len(far.of("errors")) == 10)
+    assessments = far.of("assessments")
+    assert [x["seq"] for x in assessments] == [*range(101)]
+    assert {x["flight"] for x in assessments} == {flight}
+    shown = httpx2.get(f"{server.url}/api/v1/flights/{flight}/assessments").json()["frames"]
+    for name in ("t", "p_value", "state", "y"):
+        assert [x[name] for x in assessments] == [x[name] for x in shown]
+    assert journal_samples(server.root, flight) == [DT * k for k in range(101)]
+    reasons = [error["reason"] for error in far.of("errors")]
+    assert sum("not JSON" in reason for reason in reasons) == 1
+    assert sum("has no time" in reason for reason in reasons) == 9
+    (about,) = far.of("channels")
+    assert {*KEYS} < {*about["samples"]}
+    assert [channel["unit"] for channel in about["channels"][:2]] == ["rad", "rad/s"]
+
+
+@pytest.mark.services
+def test_alarms_are_published_with_their_acknowledgement_and_open_ones_are_in_the_state(
+    server: LiveServer, broker: Mosquitto, far: Range
+):
+    with bridge(broker, server.url, "--monitor", server.monitor_id):
+        flight = far.state(progress="running")["flight"]
+        far.publish(sample(0))
+        far.publish(sample(1) | {"Ny": 2.0})
+        (alarm,) = until(lambda: [x for x in far.of("alarms") if x["kind"] == "limit"])
+        assert alarm["level"] == "warning"
+        later = Range(broker, TOPIC)
+        later.state(flight=flight)
+        open_alarms = until(lambda: later.of("state")[-1]["open_alarms"])
+        assert alarm["id"] in [x["id"] for x in open_alarms]
+        path = f"{server.url}/api/v1/flights/{flight}/alarms/{alarm['id']}/acknowledge"
+        httpx2.post(path, json={"by": "Ann"}).raise_for_status()
+        until(lambda: [x for x in later.of("alarms") if x["by"] and x["id"] == alarm["id"]])
+        until(
+            lambda: alarm["id"] not in [x["id"] for x in later.of("state")[-1]["open_alarms"] or []]
+        )
+        later.close()
+
+
+@pytest.mark.services
+def test_a_dead_bridge_leaves_a_stale_state_and_the_next_one_continues_the_flight(
+    server: LiveServer, broker: Mosquitto, far: Range
+):
+    into = "--monitor", server.monitor_id, "--name", "continued"
+    with bridge(broker, server.url, *into) as first:
+        flight = far.state(progress="running")["flight"]
+        far.publish(sample(0))
+        until(lambda: far.of("assessments"))
+        first.kill()
+        far.state(progress="unknown", state="stale", open_alarms=None)
+    later = Range(broker, TOPIC)
+    assert later.state(flight=flight)["status"] == "stale"
+    far.publish(sample(1))
+    with bridge(broker, server.url, *into):
+        assert later.state(progress="running")["flight"] == flight
+        until(lambda: {*journal_samples(server.root, flight)} == {0.0, DT})
+    later.close()
+
+
+@pytest.mark.services
+def test_a_flight_that_a_person_ends_ends_the_bridge(
+    server: LiveServer, broker: Mosquitto, far: Range
+):
+    with bridge(broker, server.url, "--monitor", server.monitor_id, "--name", "ended") as made:
+        flight = far.state(progress="running")["flight"]
+        far.publish(sample(0))
+        until(lambda: far.of("assessments"))
+        httpx2.post(f"{server.url}/api/v1/flights/{flight}/end").raise_for_status()
+        assert made.wait(PATIENCE) == 0
+    assert far.state(progress="ended")["state"] == "stale"
+
+
+@pytest.mark.services
+def test_a_second_bridge_of_a_source_ends_the_first_with_an_error(
+    server: LiveServer, broker: Mosquitto, far: Range
+):
+    into = "--monitor", server.monitor_id, "--name", "twice"
+    with bridge(broker, server.url, *into) as first:
+        far.state(progress="running")
+        with bridge(broker, server.url, *into):
+            assert first.wait(PATIENCE) == 1
+            assert first.stderr is not None
+            assert "another bridge" in first.stderr.read()
+            far.state(progress="running", flight=far.of("state")[0]["flight"])
+
+
+@pytest.mark.services
+@pytest.mark.parametrize("killed", ["broker", "server", "bridge"])
+def test_no_sample_is_lost_whoever_is_restarted(
+    killed: str, tmp_path: Path, far: Range, broker: Mosquitto
+):
+    store = open_store(Settings(data_dir=tmp_path).url)
+    monitor_id = store.monitors.add(monitor(), "m").id
+    store.close()
+    n, flight = 900, ""
+    with ExitStack() as parts:
+        port = parts.enter_context(reserved_port())
+        serving = parts.enter_context(server_running(tmp_path, port))
+        into = f"http://127.0.0.1:{port}", "--monitor", monitor_id
+        bridging = parts.enter_context(bridge(broker, *into))
+        flight = far.state(progress="running")["flight"]
+        for k in range(n // 3):
+            far.publish(sample(k))
+        until(lambda: far.of("assessments"))  # in the middle of them
+        if killed == "broker":
+            broker.stop()
+        elif killed == "server":
+            serving.process.kill()
+        else:
+            bridging.kill()
+        for k in range(n // 3, 2 * n // 3):
+            far.publish(sample(k))
+        if killed == "broker":
+            broker.start()
+        elif killed == "server":
+            far.state(state="stale", progress="running")
+            parts.enter_context(server_running(tmp_path, port))
+        else:
+            far.state(state="stale", progress="unknown")
+            parts.enter_context(bridge(broker, *into))
+        for k in range(2 * n // 3, n):
+            far.publish(sample(k))
+        wanted = {DT * k for k in range(n)}
+        until(lambda: {*journal_samples(tmp_path, flight)} >= wanted)
+        if killed != "bridge":
+            until(lambda: {x["seq"] for x in far.of("assessments")} >= {*range(n)})
+        address = f"http://127.0.0.1:{port}/api/v1/flights/{flight}/samples"
+        assert httpx2.get(address).json()["counts"]["accepted"] == n
+
+
+@pytest.mark.services
+@pytest.mark.parametrize("wrong", [False, True])
+def test_a_password_comes_from_the_environment_or_a_file(
+    wrong: bool, server: LiveServer, tmp_path: Path
+):
+    with mosquitto.directory() as directory:
+        users = directory / "users"
+        call = ["mosquitto_passwd", "-b", "-c", str(users), "ann", "secret"]
+        subprocess.run(call, check=True, capture_output=True)
+        broker = Mosquitto(directory, f"allow_anonymous false\npassword_file {users}")
+        broker.start()
+        far = Range(broker, TOPIC, username="ann", password="secret")
+        (tmp_path / "password").write_text("nonsense\n" if wrong else "secret\n")
+        login = "--user", "ann", "--password-file", str(tmp_path / "password")
+        into = "--monitor", server.monitor_id, "--name", "login"
+        with bridge(broker, server.url, *into, *login) as made:
+            if wrong:
+                assert made.wait(PATIENCE) == 1
+                assert made.stderr is not None
+                assert "check user and password" in made.stderr.read()
+            else:
+                far.state(progress="running")
+        far.close()
+        broker.stop()
+
+
+@pytest.mark.services
+def test_a_broker_is_reached_by_tls_only_if_its_certificate_is_known(
+    server: LiveServer,
+):
+    with mosquitto.directory() as directory:
+        key, certificate = directory / "key.pem", directory / "certificate.pem"
+        call = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2"]
+        call += ["-subj", "/CN=127.0.0.1", "-addext", "subjectAltName=IP:127.0.0.1"]
+        call += ["-keyout", str(key), "-out", str(certificate)]
+        subprocess.run(call, check=True, capture_output=True)
+        broker = Mosquitto(
+            directory, f"allow_anonymous true\nkeyfile {key}\ncertfile {certificate}"
+        )
+        broker.url = broker.url.replace("mqtt", "mqtts")
+        broker.start()
+        into = "--monitor", server.monitor_id, "--name", "tls"
+        with bridge(broker, server.url, *into) as made:
+            assert made.wait(PATIENCE) == 1
+            assert made.stderr is not None
+            assert "certificate" in made.stderr.read()
+        with bridge(broker, server.url, *into, "--ca", str(certificate)) as made:
+            far = Range(broker, TOPIC, ca=str(certificate))
+            far.state(progress="running")
+            far.close()
+            assert made.poll() is None
+        broker.stop()
+
+
+def test_a_broker_that_is_not_there_is_an_error(server: LiveServer, capsys: pytest.CaptureFixture):
+    into = ["--monitor", server.monitor_id, "--broker", "mqtt://127.0.0.1:9"]
+    assert main(["mqtt", "F16", *into, "--server", server.url]) == 1
+    assert "is the broker running?" in capsys.readouterr().err
+
+
+def test_without_its_library_the_command_names_the_extra(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    monkeypatch.setitem(sys.modules, "paho.mqtt.client", None)
+    monkeypatch.delitem(sys.modules, MqttBridge.__module__)
+    assert main(["mqtt", "F16", "--monitor", "m"]) == 1
+    assert "forewarn[mqtt]" in capsys.readouterr().err
