@@ -1,5 +1,7 @@
 """Servers on one PostgreSQL: one serves; what the other and the database do changes nothing."""
 
+import random
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -19,6 +21,7 @@ from tests.support.patience import until
 from tests.support.postgresql import PostgreSQL
 
 pytestmark = pytest.mark.services
+N_KILLS = 20
 HOLDER = f"SELECT pid FROM pg_locks WHERE locktype = 'advisory' AND objid = {OWNER_KEY}"
 
 
@@ -79,6 +82,33 @@ def test_a_lost_lock_is_taken_again_or_reported(
         assert problem(client.post("/api/v1/limit-sets", json={"name": "n", "cases": [SLOW]}), 503)
         assert client.get(flight).json()["progress"] == "running"
     assert client.get("/readyz").status_code == 200
+
+
+def test_no_sample_is_lost_while_the_database_is_killed_again_and_again(
+    server: tuple[Running, str], postgresql: PostgreSQL
+) -> None:
+    (_, client), flight = server
+    chance, sent = random.Random(4), 0
+
+    def send_some() -> None:
+        nonlocal sent
+        for _ in range(chance.randint(1, 10)):
+            sent += 1
+            send(server[0], flight, sent)
+
+    for _ in range(N_KILLS):
+        send_some()
+        killing = threading.Timer(chance.uniform(0.0, 0.05), postgresql.kill)
+        killing.start()
+        send_some()
+        killing.join()
+        send_some()
+        postgresql.start()
+    until(lambda: client.get("/readyz").status_code == 200)
+    ended = client.post(f"{flight}/end")
+    assert (ended.status_code, ended.json()["lost"]) == (200, 0)
+    shown = client.get(f"{flight}/assessments").json()
+    assert [frame["seq"] for frame in shown["frames"]] == [*range(10 * sent)]
 
 
 def test_a_database_that_starts_again_is_served_again(

@@ -55,8 +55,15 @@ class PostgreSQL:
         until(self._answers)
 
     def stop(self) -> None:
+        self._end(signal.SIGINT)
+
+    def kill(self) -> None:
+        """End it as a crash does: it recovers when it starts again."""
+        self._end(signal.SIGQUIT)
+
+    def _end(self, by: signal.Signals) -> None:
         assert self._process is not None
-        self._process.send_signal(signal.SIGINT)
+        self._process.send_signal(by)
         self._process.wait(PATIENCE)
 
     def url(self, database: str) -> str:
