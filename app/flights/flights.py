@@ -214,8 +214,8 @@ class Flights:
         """Resume the live flights that were in progress when the server was killed."""
         if self._journals is None:
             return
-        for info in await asyncio.to_thread(self.store.flights.all):
-            if info.status == INTERRUPTED and source_of(info).get("kind") == "live":
+        for info in await asyncio.to_thread(self.store.flights.interrupted):
+            if source_of(info).get("kind") == "live":
                 path = self._journals.path(info.id)
                 if path.exists() and time.time() - path.stat().st_mtime < RESUMED_WITHIN_S:
                     try:

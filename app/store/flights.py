@@ -213,6 +213,13 @@ class FlightRepository(Entries[FlightInfo]):
         with self._reading() as connection:
             return list(connection.execute(query).scalars())
 
+    def interrupted(self) -> list[FlightInfo]:
+        """Interrupted flights that have not become recordings, newest first."""
+        is_open = (flights.c.status == "interrupted") & flights.c.recording_id.is_(None)
+        with self._reading() as connection:
+            rows = connection.execute(self._newest_first(is_open))
+            return [self._entry(row) for row in rows]
+
     def listed(self, limit: int, after: str, wanted: FlightFilter) -> Page[FlightInfo]:
         """Flights that a filter lets through, newest first; arguments as in `page`."""
         return self.page(limit, after, *_conditions(wanted))

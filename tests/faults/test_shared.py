@@ -9,6 +9,7 @@ import ssl
 import subprocess
 from collections.abc import Iterator
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 import httpx2
@@ -26,7 +27,7 @@ from tests.faults.test_live_flights import FLIGHTS, assert_kept, batch, push_unt
 from tests.support.patience import PATIENCE, until
 from tests.support.postgresql import PostgreSQL
 
-N_ENDS, N_LONG = 2, 20
+N_ENDS, N_LONG = 3, 20
 
 
 @pytest.fixture
@@ -60,29 +61,29 @@ def test_a_second_server_relays_to_the_owner(
 def end_so_often(
     data_dir: Path, ports: tuple[int, int], monitor: Monitor, n: int, url: str | None = None
 ) -> None:
-    """End the owner again and again while samples come through the other server."""
+    """End the owner, or every third time the one that relays the samples, again and again."""
     monitor_id, chance = keep_monitor(data_dir, monitor, url), random.Random(3)
     acknowledged: set[int] = set()
     flight = ""
-    with ExitStack() as first:
-        owner = first.enter_context(sharing(data_dir, ports[0], database_url=url))
-        stacks = [first]
+    with ExitStack() as at_end:
+
+        def joined(port: int) -> tuple[Running, ExitStack, int]:
+            stack = at_end.enter_context(ExitStack())
+            return stack.enter_context(sharing(data_dir, port, database_url=url)), stack, port
+
+        owner, free = joined(ports[0]), ports[1]
         for k in range(n):
-            stack = ExitStack()
-            other: Running = stack.enter_context(
-                sharing(data_dir, ports[1 - k % 2], database_url=url)
-            )
-            stacks.append(stack)
-            flight = flight or start(other.client, monitor_id)
-            process, ends = owner.process, (signal.SIGTERM, signal.SIGKILL)[k % 2]
-            end = process.kill if ends is signal.SIGKILL else process.terminate
+            relaying = joined(free)
+            flight = flight or start(relaying[0].client, monitor_id)
+            ended, stays = (relaying, owner) if k % 3 == 2 else (owner, relaying)
+            process, how = ended[0].process, (signal.SIGTERM, signal.SIGKILL)[k % 2]
+            end = process.kill if how is signal.SIGKILL else process.terminate
             when = monitor.dt, chance.uniform(0.0, 0.4)
-            acknowledged |= push_until_broken(other.client, flight, *when, end)
-            until(lambda: answers(other.client))  # noqa: B023
+            acknowledged |= push_until_broken(relaying[0].client, flight, *when, end)
             process.join()
-            stacks.pop(0).close()
-            owner = other
-        stacks.pop().close()
+            until(partial(answers, stays[0].client))
+            ended[1].close()
+            owner, free = stays, ended[2]
     assert_kept(data_dir, flight, monitor, acknowledged, url)
 
 
@@ -93,7 +94,7 @@ def test_the_other_server_takes_over_with_all_that_was_acknowledged(
 
 
 @pytest.mark.fuzz
-def test_many_owners_end_and_nothing_acknowledged_is_lost(
+def test_many_servers_end_and_nothing_acknowledged_is_lost(
     tmp_path: Path, ports: tuple[int, int], flyable: Monitor
 ) -> None:
     end_so_often(tmp_path, ports, flyable, N_LONG)
