@@ -31,7 +31,7 @@ const CAUSES = { between_manoeuvres: "NOT ASSESSED", not_applicable: "NOT APPLIC
 
 const words = (key) => key.replaceAll("_", " ").toUpperCase();
 
-export function levelOf(word) {
+function levelOf(word) {
   if (["EXCEEDING", "ALERT"].includes(word)) return "warning";
   if (["STALE", "INVALID", "NOT APPLICABLE", "LIMITS UNKNOWN", "NO DATA"].includes(word)) return "caution";
   return ["OK", "NO FORECAST", "NONE PREDICTED"].includes(word) ? "none" : "advisory";
@@ -41,7 +41,7 @@ const inWord = (value) => ({ value, level: levelOf(value) });
 const unassessed = ({ state, cause }) => inWord(CAUSES[cause] ?? words(state));
 
 /** Limits of a channel in its unit at a time [s]: [low, high], infinite where there is none. */
-export function limitsAt({ own, held }, { key }, t) {
+function limitsAt({ own, held }, { key }, t) {
   const inForce = held.length === 0 ? own : held.findLast((each) => each.t === null || each.t <= t)?.limits;
   const given = inForce?.[key] ?? {};
   return typeof given === "number" ? [-given, given] : [given.low ?? -Infinity, given.high ?? Infinity];
@@ -54,7 +54,7 @@ function sideOf(flight, c, { t, y }) {
   return y[c] <= low ? "lwr" : y[c] >= high ? "upr" : "";
 }
 
-export function stateOf(flight, frame) {
+function stateOf(flight, frame) {
   if (frame.state !== "stale" && flight.channels.some((_, c) => sideOf(flight, c, frame))) return "EXCEEDING";
   if (frame.state !== "ok") return unassessed(frame).value;
   return frame.alert ? "ALERT" : flight.validity === "checked" ? "OK" : "NOT CALIBRATED";
@@ -76,7 +76,7 @@ function timeLeft({ noRest }, { t, state, cause, ahead }) {
  * of(frame) -> {value, level, side}, or nothing     limits() -> [low, high] now, in the unit shown
  * states: of an enumeration.   live: without history.   timed: by the server's clock, also while samples are late
  */
-function pointsOf(flight) {
+export function pointsOf(flight) {
   const risk = (frame) => (frame.p_value === null ? unassessed(frame) : { value: frame.p_value, level: frame.alert ? "warning" : "none", side: frame.alert ? "upr" : "" });
   const state = (frame) => ({ value: STATES.indexOf(stateOf(flight, frame)), level: levelOf(stateOf(flight, frame)) });
   const channelOf = (channel, c) => {
@@ -127,7 +127,7 @@ function alarmOf(flight, { id, t, kind, level, raised, p_value: risk, reason, ex
 }
 
 /** At most `size` data: the least and the largest of each interval, or a word where it has no number. */
-export function minmax(data, size) {
+function minmax(data, size) {
   if (!(data.length > size)) return data;
   const n = Math.ceil(data.length / Math.max(1, Math.floor(size / 2)));
   const parts = Array.from({ length: Math.ceil(data.length / n) }, (_, k) => data.slice(k * n, (k + 1) * n));
@@ -363,7 +363,8 @@ function createLink(id, server, { url, token }, closed) {
       if (link.isStale) withdraw("STALE"); // they came late
     },
     reset: ({ t }) => {
-      if (flight.mode !== "live" && utcAt(flight, t) <= newestUtc) flight.zero += newestUtc + 1 - utcAt(flight, t); // it jumped back: its newest value is the last
+      const back = newestUtc + 1 - utcAt(flight, t); // of a replay: its newest value stays the last
+      if (flight.mode !== "live" && back > 0) flight.zero += back;
     },
     state: ({ state }) => {
       states.sample = state;

@@ -338,22 +338,47 @@ def test_limits_put_in_force_in_flight_count_from_then_on(stub: Page, range_: Ra
     range_.ask("POST", f"/flights/{flight}/end", {})
 
 
-def test_limits_are_those_in_force_and_their_ends_count(stub: Page) -> None:
-    limits = """(t) => mct.plugin.limitsAt(
-        { own: { Ny: 0.5, alpha: { low: -0.1, high: null } },
-          held: [{ t: null, limits: { Ny: 0.5 } }, { t: 2, limits: null }, { t: 3, limits: {} }] },
-        { key: "Ny" }, t)"""
-    assert stub.evaluate(limits, 1.9) == [-0.5, 0.5]
-    assert stub.evaluate(limits, 2) == [float("-inf"), float("inf")]
-    state = """(Ny) => mct.plugin.stateOf(
-        { own: { Ny: 0.5 }, held: [], channels: [{ key: "Ny" }], validity: "checked" },
-        { t: 0, y: [Ny], state: "ok", alert: false })"""
-    assert [stub.evaluate(state, value) for value in (0.49, 0.5, -0.5, None)] == [
-        "OK",
-        "EXCEEDING",
-        "EXCEEDING",
-        "OK",
-    ]
+def test_the_end_of_a_limit_counts_and_unknown_limits_have_none(stub: Page) -> None:
+    points = """([t, Ny]) => {
+        const held = [{ t: null, limits: { Ny: 0.5 } }, { t: 2, limits: null }];
+        const channels = [{ key: "Ny", display_factor: 1 }];
+        const flight = { held, channels, mode: "live", validity: "checked", own: { Ny: 9 } };
+        const points = mct.plugin.pointsOf(flight);
+        const frame = { t, y: [Ny], state: "ok", alert: false, p_value: 0.05 };
+        return ["state", "channel-0"].map((name) => {
+          const { of, states } = points.find(({ key }) => key === name);
+          const { value, level, side } = of(frame);
+          return states ? [states[value], level] : [value, level, side];
+        });
+    }"""
+    for t, value, *shown in (
+        (1.9, 0.49, ["OK", "none"], [0.49, "none", ""]),
+        (1.9, 0.5, ["EXCEEDING", "warning"], [0.5, "warning", "upr"]),
+        (1.9, -0.5, ["EXCEEDING", "warning"], [-0.5, "warning", "lwr"]),
+        (2.0, 0.5, ["OK", "none"], [0.5, "none", ""]),
+    ):
+        assert stub.evaluate(points, [t, value]) == shown
+
+
+def test_the_time_left_is_that_of_the_first_predicted_exceedance(stub: Page) -> None:
+    left = """([frame, noRest]) => {
+        const flight = { channels: [], held: [], mode: "simulated", noRest };
+        const point = mct.plugin.pointsOf(flight).find(({ key }) => key === "time-left");
+        return point.of({ t: 1, state: "ok", cause: null, ...frame })?.value ?? null;
+    }"""
+    none = {"predicted": None}
+    both = {"Ny": {"predicted": 2.5}, "p": {"predicted": 1.5}, "r": none}
+    for frame, value in (
+        ({"ahead": {"channels": both}}, 0.5),
+        ({"ahead": {"channels": {"Ny": none}}}, "NONE PREDICTED"),
+        ({"ahead": {"channels": {}, "why": "the input has not begun"}}, "NOT KNOWN"),
+        ({"ahead": {"channels": {}, "peak": {"mean": 1.1}}}, "PREDICTED"),
+        ({"ahead": {"channels": both}, "state": "invalid"}, "INVALID"),
+        ({"state": "invalid", "cause": "not_applicable"}, "NOT APPLICABLE"),
+        ({}, None),
+    ):
+        assert stub.evaluate(left, [frame, ""]) == value
+    assert stub.evaluate(left, [{}, "this method forecasts none"]) == "NO FORECAST"
 
 
 @pytest.fixture(scope="module")
