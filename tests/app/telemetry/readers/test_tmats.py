@@ -101,7 +101,8 @@ def test_without_a_set_up_record_the_same_comes_from_bits_in_the_mapping(columns
 
 def test_the_example_of_the_guide_gives_its_values(columns):
     text = (STATIC / "guide" / "first-recording.md").read_text(encoding="utf-8")
-    _, example = re.findall(r"```json\n(.*?)```", text, re.DOTALL)
+    plain, example = re.findall(r"```json\n(.*?)```", text, re.DOTALL)
+    assert Mapping.from_plain(json.loads(plain)).channels["Ny"].bits == "5-16 signed"
     read_columns, exact, _ = columns()
     traces = apply_mapping(read_columns, Mapping.from_plain(json.loads(example)))
     assert {*traces.channels} == {"delta_a", "p"}
