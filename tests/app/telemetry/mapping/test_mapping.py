@@ -348,6 +348,16 @@ def test_a_confirmed_scale_is_not_doubted_and_helps_to_find_other_units(tmp_path
     assert min(proposal.rationales[key].confidence for key in KEYS) > 0.95
 
 
+def test_a_scale_that_changed_since_it_was_confirmed_is_suspect(tmp_path):
+    columns = counted(tmp_path, {"beta_rad": Scaling(2**-11)})
+    confirmed = ChannelSource("beta_rad", "rad", scale=2**-12)
+    proposal = propose(columns, Mapping({"beta": confirmed}, {"": TimeSource("t_s", "s")}))
+    assert proposal.mapping.channels["beta"] == confirmed
+    rationale = proposal.rationales["beta"]
+    assert rationale.confidence <= 0.5
+    assert "the file declares 0.00048828125 * raw for beta_rad" in rationale.reasons[1]
+
+
 def test_two_parts_of_one_word_are_not_doubted(tmp_path):
     table = plain_table()
     phi, p = (np.round(table.pop(PLAIN[key]) * 2**11).astype(int) & 0xFFF for key in ("phi", "p"))
