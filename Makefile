@@ -31,7 +31,7 @@ test: $(READY) ## every test but the long campaign of damaged files; a file's te
 fuzz: $(READY) ## what repeats facts at length: ten thousand damaged files, calls of every route, a hundred and ten kills of the server, laws at every case
 	FOREWARN_CAMPAIGN=1 $(TESTING) $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "fuzz or (hypothesis and not benchmark)" $(ALSO)
 
-services: $(READY) ## the tests that need PostgreSQL (initdb on the path), Dask, mosquitto or Open MCT (npm); they start and stop it
+services: $(READY) ## the tests that need PostgreSQL (initdb on the path), Dask, mosquitto, Prometheus or Open MCT (npm); they start and stop it
 	$(TESTING) $(BIN)/python -m pytest -n 0 -m "services and not benchmark" $(ALSO)
 
 lint: $(READY) ## style, formatting and the direction of imports

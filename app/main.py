@@ -5,6 +5,7 @@ from collections.abc import AsyncIterator, Iterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from functools import partial
 from importlib.util import find_spec
+from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +61,10 @@ from app.telemetry.journal import Journals
 from app.upkeep.integrity import Integrity
 from app.upkeep.restore import finish
 from app.upkeep.retention import retain_daily, retention_rule
+from app.upkeep.usage import space_of
 from core import __version__
+from core.monitor import State
+from core.monitor.status import Level
 
 THREADS = 8
 """Threads of the routes; the database keeps as many connections."""
@@ -248,12 +252,8 @@ async def _parts(app: FastAPI) -> AsyncIterator[None]:
         integrity = app.state.integrity = Integrity(store, stored_recordings.files, journals)
         integrity.start()
         parts.push_async_callback(asyncio.to_thread, integrity.stop)
+        _publish(metrics, live_flights, settings.data_dir)
         metrics.gauge("damaged", "damaged stored items", lambda: integrity.n_damaged)
-        metrics.gauge("flights", "flights in progress", lambda: len(live_flights.under_way()))
-        metrics.gauge(
-            "samples_unwritten", "samples not yet written", lambda: live_flights.unwritten
-        )
-        metrics.gauge("samples_lost", "samples not recorded", lambda: live_flights.lost)
         metrics.gauge("uploads", "uploads in progress", lambda: stored_recordings.under_way)
         scoring = stored_recordings.workers
         metrics.gauge("scorings", "recordings being scored", lambda: scoring.n_under_way)
@@ -263,6 +263,46 @@ async def _parts(app: FastAPI) -> AsyncIterator[None]:
         parts.callback(demonstrator.stop)
         await asyncio.to_thread(store.forget_copies)
         yield
+
+
+def _publish(metrics: Metrics, flights: Flights, data_dir: Path) -> None:
+    """Publish the metrics of flights and of the disk."""
+
+    def n_open(level: Level) -> int:
+        return sum(flight.alarms.n_open(level) for flight in flights.under_way())
+
+    def age() -> float:
+        ages = (flight.age for flight in flights.under_way())
+        return max((each for each in ages if each is not None), default=nan)
+
+    def n_stale() -> int:
+        return sum(flight.state is State.STALE for flight in flights.under_way())
+
+    def n_watchers() -> int:
+        return sum(flight.n_watchers for flight in flights.under_way())
+
+    for name, text, read in (
+        ("flights", "flights in progress", lambda: len(flights.under_way())),
+        ("stale_flights", "flights in progress that are stale", n_stale),
+        ("watchers", "screens and programs that watch flights", n_watchers),
+        (
+            "open_warnings",
+            "unacknowledged warnings of flights in progress",
+            partial(n_open, Level.WARNING),
+        ),
+        (
+            "open_cautions",
+            "unacknowledged cautions of flights in progress",
+            partial(n_open, Level.CAUTION),
+        ),
+        ("sample_age_seconds", "largest age of the newest sample of a live flight [s]", age),
+        ("samples", "samples of flights since the server started", lambda: flights.n_samples),
+        ("samples_unwritten", "samples not yet written", lambda: flights.unwritten),
+        ("samples_lost", "samples not recorded", lambda: flights.lost),
+        ("disk_bytes", "size of the disk of the data", lambda: space_of(data_dir).total),
+        ("disk_free_bytes", "free space on the disk of the data", lambda: space_of(data_dir).free),
+    ):
+        metrics.gauge(name, text, read)
 
 
 def _serve_docs(app: FastAPI) -> None:

@@ -44,6 +44,7 @@ ALLOWED: dict[Role, tuple[str, ...]] = {
         "GET /js/{path:path}",
         "GET /guide{path:path}",
         "GET /docs{path:path}",
+        "GET /grafana/forewarn.json",
         "GET /openapi.json",
         "GET /healthz",
         "GET /readyz",

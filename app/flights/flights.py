@@ -103,7 +103,7 @@ class Flights:
             if scored is None or journals is None
             else FlightRecordings(scored.recordings, journals)
         )
-        self._lost_before = 0
+        self._lost_before = self._samples_before = 0
 
     async def __aenter__(self) -> Self:
         return self
@@ -135,6 +135,11 @@ class Flights:
     def lost(self) -> int:
         under_way = sum(flight.recorder.lost for flight in self._flights.values())
         return self._lost_before + under_way
+
+    @property
+    def n_samples(self) -> int:
+        """Samples of flights since the server started."""
+        return self._samples_before + sum(f.recorder.n_added for f in self.under_way())
 
     @property
     def problem(self) -> str:
@@ -337,6 +342,7 @@ class Flights:
                 raise
             await self._summarize([flight_id])
             self._lost_before += flight.recorder.lost
+            self._samples_before += flight.recorder.n_added
             del self._flights[flight_id], self._endings[flight_id]
             self._on_change()
             if isinstance(flight, LiveFlight) and ending.status != INTERRUPTED:

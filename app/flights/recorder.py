@@ -105,7 +105,7 @@ class Recorder:
         self._when = 0.0
         self._task: asyncio.Task[bool] | None = None
         self._alarms_task: asyncio.Task[None] | None = None
-        self.lost = 0
+        self.lost = self.n_added = 0
         self._store_health, self._refusal = store_health, ""
 
     @property
@@ -131,6 +131,7 @@ class Recorder:
     def add(
         self, seq: int, y: Array, assessment: Assessment, display: tuple[Assessment, ...] = ()
     ) -> None:
+        self.n_added += 1
         self._samples.append(RecordedSample(seq, y, assessment, display))
         if len(self._samples) > MOST_WAITING:
             del self._samples[:BATCH]

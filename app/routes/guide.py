@@ -34,6 +34,7 @@ SLUGS = (
     "without-a-network",
     "open-mct",
     "mqtt",
+    "grafana",
     "rest-and-streams",
     "command-line",
     "method",
