@@ -214,8 +214,10 @@ def schema_of(member: Any) -> dict[str, Any]:
             continue
         value, words = getattr(member, field.name), described.get(field.name, "")
         entry: dict[str, Any] = _property(known[field.name], value)
-        if field.name in fewer:
-            entry["properties"] = {"kind": {"enum": list(fewer[field.name])}}
+        for path, kept in fewer.items():
+            if path.partition(".")[0] == field.name:
+                name = path.partition(".")[2] or "kind"
+                entry["properties"] |= {name: {"enum": list(kept)}}
         if isinstance(member, JsbsimAircraft) and field.name == "model" and is_installed():
             entry["enum"] = list(aircraft_names())
         if (bounds := bounds_of(kind).get(field.name)) is not None:

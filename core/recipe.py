@@ -141,7 +141,7 @@ def from_plain(
 def instead_of(word: str, known: Iterable[str]) -> str:
     """`did you mean train?`, or a list of all known words."""
     known = tuple(known)
-    closest = max(known, key=lambda each: _similarity(word, each), default="")
+    closest = max(known, key=lambda each: _similarity(word, each), default="") if word else ""
     if closest and _similarity(word, closest) >= CLOSE:
         return f"did you mean {closest}?"
     return f"choose {', '.join(known)}"

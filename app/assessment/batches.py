@@ -60,8 +60,9 @@ def decode_batch(content: bytes | str) -> Batch:
     try:
         plain = _decoder.decode(content)
     except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
+        reason = f"not JSON ({error})" if content.strip() else "empty"
         raise TelemetryError(
-            f"the batch is not JSON ({error}): send an object such as "
+            f"the batch is {reason}: send an object such as "
             '{"sequence": 1, "t": 0.02, "beta": 0.01, ...}, with null for unknown values'
         ) from None
     if not isinstance(plain, dict):

@@ -144,6 +144,8 @@ def run(options: argparse.Namespace) -> int:
     if options.print_recipe:
         return print_recipe(recipe)
     check_epsilon(recipe.monitor.epsilon, recipe.dataset.n_unsafe, recipe.monitor.guarantee)
+    if recipe.monitor.predictor.forecast == "card":
+        card_of(recipe.dataset, 2)  # refuses a manoeuvre without planned steps
     check_file(options.out)
     choose = not monitor_options(options).keys() & {"predictor", "score"}
     with executor_at(options.scheduler) as executor:
@@ -420,7 +422,7 @@ def _prevention_lines(result: Prevention) -> list[str]:
 def _robustness_line(difference: str, counts: Evaluation) -> str:
     failing, safe = "none failed", "none was safe"
     if n := counts.n_unsafe:
-        missed, invalid = counts.miss_rate[0], int(counts.withdrawn[0]) / n
+        missed, invalid = counts.miss_rate[0], counts.withdrawn_rate[0]
         low, high = counts.miss_interval[0]
         failing = (
             f"{n} failing{_aircraft(by_aircraft(counts))}: {missed:.1%} [{low:.1%}, {high:.1%}] "

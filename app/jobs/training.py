@@ -87,6 +87,7 @@ CURVES = (
     "withdrawn",
     "safe_withdrawn",
     "miss_rate",
+    "withdrawn_rate",
     "miss_interval",
     "power",
     "power_interval",
@@ -94,6 +95,8 @@ CURVES = (
     "fail_given_alert_interval",
 )
 """What an Evaluation stores over epsilon."""
+FAILING = "miss_rate", "withdrawn_rate"
+"""Shares of failing flights."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -524,7 +527,7 @@ def _part(whole: Evaluation, at: slice) -> Evaluation:
 
 def _curves(counts: Evaluation) -> dict[str, list[Any]]:
     """Counts and shares by name over epsilon; None where nothing could be counted."""
-    n_met = {"miss_rate": counts.n_unsafe, "power": counts.n_safe}
+    n_met = {"power": counts.n_safe} | dict.fromkeys(FAILING, counts.n_unsafe)
     curves = {"epsilon": counts.epsilons.tolist()}
     for name in CURVES:
         values = getattr(counts, name)

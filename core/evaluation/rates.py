@@ -106,9 +106,9 @@ class Evaluation:
     safe_withdrawn: (n_eps,) safe flights withdrawn without an alert: neither a false alarm nor
     quiet.
 
-    failures_of, misses_of: (n_aircraft,) and (n_aircraft, n_eps) the same of each aircraft with
-    failures, where aircraft were flown several times; every aircraft then weighs the same in
-    `miss_rate`.
+    failures_of, misses_of, withdrawn_of: (n_aircraft,) and (n_aircraft, n_eps) the same of each
+    aircraft with failures, where aircraft were flown several times; every aircraft then weighs the
+    same in `miss_rate` and `withdrawn_rate`.
 
     Each failing flight is missed, withdrawn or caught; each safe flight has a false alert, is
     withdrawn or is quiet. An alert or a withdrawal counts only if it is in time: a later one leaves
@@ -125,6 +125,7 @@ class Evaluation:
     safe_withdrawn: Indices
     failures_of: Indices | None = None
     misses_of: Indices | None = None
+    withdrawn_of: Indices | None = None
 
     @property
     def caught(self) -> Indices:
@@ -134,9 +135,17 @@ class Evaluation:
     @property
     def miss_rate(self) -> Array:
         """(n_eps,) share of the failing flights that were missed, or its mean over aircraft."""
-        if self.failures_of is None or self.misses_of is None or not self.n_unsafe:
-            return self.misses / max(self.n_unsafe, 1)
-        return (self.misses_of / self.failures_of[:, np.newaxis]).mean(axis=0)
+        return self._share(self.misses, self.misses_of)
+
+    @property
+    def withdrawn_rate(self) -> Array:
+        """(n_eps,) share of the failing flights that were withdrawn, or its mean over aircraft."""
+        return self._share(self.withdrawn, self.withdrawn_of)
+
+    def _share(self, count: Indices, of: Indices | None) -> Array:
+        if self.failures_of is None or of is None or not self.n_unsafe:
+            return count / max(self.n_unsafe, 1)
+        return (of / self.failures_of[:, np.newaxis]).mean(axis=0)
 
     @property
     def miss_interval(self) -> Array:
@@ -208,9 +217,10 @@ def evaluate(
     if aircraft is None:
         return counts
     _, of, failures_of = np.unique(aircraft[is_unsafe], return_inverse=True, return_counts=True)
-    misses_of = np.zeros((len(failures_of), len(above)), np.int64)
+    misses_of, withdrawn_of = np.zeros((2, len(failures_of), len(above)), np.int64)
     np.add.at(misses_of, of, is_missed[is_unsafe])
-    return replace(counts, failures_of=failures_of, misses_of=misses_of)
+    np.add.at(withdrawn_of, of, (silent & ~is_missed)[is_unsafe])
+    return replace(counts, failures_of=failures_of, misses_of=misses_of, withdrawn_of=withdrawn_of)
 
 
 def count_silent(

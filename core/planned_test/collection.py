@@ -14,7 +14,7 @@ from core.card import Card, CardError
 from core.channels import KEYS
 from core.dataset import Dataset
 from core.monitor.group import Pooled
-from core.planned_test.amplitude import suggest_amplitude
+from core.planned_test.amplitude import AmplitudeError, suggest_amplitude
 from core.planned_test.own import OwnTest
 from core.planned_test.planned_test import (
     LARGEST_CHUNK,
@@ -351,11 +351,15 @@ def _check_budget(recipe: SimulatedTest, n_unsafe: int, n_made: int) -> None:
     if n_made < recipe.max_rollouts and recipe.n_unsafe <= highest * recipe.max_rollouts:
         return
     enough = f" to about {ceil(recipe.n_unsafe * n_made / n_unsafe)}" if n_unsafe else ""
+    remedy = f"{recipe.for_more} or raise max_rollouts{enough}"
+    try:
+        remedy += f". {_working_amplitude(recipe)}"
+    except AmplitudeError as error:
+        remedy = f"{error}" if not n_unsafe else f"{remedy}. No suitable amplitude found: {error}"
     raise CollectionError(
         f"{n_unsafe} of {n_made} rollouts were unsafe (rate about {n_unsafe / n_made:.2g}, at "
         f"most {highest:.2g}): {recipe.n_unsafe} unsafe ones are out of reach within "
-        f"{recipe.max_rollouts} rollouts; {recipe.for_more} or raise max_rollouts{enough}. "
-        f"{_working_amplitude(recipe)}".rstrip()
+        f"{recipe.max_rollouts} rollouts; {remedy}".rstrip(". ")
     )
 
 
@@ -367,13 +371,11 @@ def _highest_share(k: int, n: int) -> float:
 
 
 def _working_amplitude(test: SimulatedTest) -> str:
-    """The suggested amplitude, as the last sentence of an error; empty if none can be searched."""
+    """The suggested amplitude, as the last sentence of an error; empty if none can be searched.
+    AmplitudeError if there is none."""
     if (recipe := replanned(test)) is None or recipe.margins.label:
         return ""
-    try:
-        return f"{suggest_amplitude(recipe)}"
-    except ValueError as error:
-        return f"No suitable amplitude found: {error}"
+    return f"{suggest_amplitude(recipe)}"
 
 
 def _dataset(
@@ -382,11 +384,15 @@ def _dataset(
     y, fail_index, theta = _joined(parts)
     is_unsafe = fail_index < y.shape[1]
     if n_safe_met == 0:
-        text = (
+        remedy = f"{recipe.for_fewer} or raise n_unsafe"
+        try:
+            remedy += f". {_working_amplitude(recipe)}"
+        except AmplitudeError as error:
+            remedy = f"{error}"
+        raise CollectionError(
             f"all {recipe.n_unsafe} rollouts were unsafe, but a monitor needs safe ones too: "
-            f"{recipe.for_fewer} or raise n_unsafe. {_working_amplitude(recipe)}"
+            f"{remedy}".rstrip(". ")
         )
-        raise CollectionError(text.rstrip())
     unsafe, fail_index = y[is_unsafe], fail_index[is_unsafe]
     unsafe[np.arange(y.shape[1]) > fail_index[:, None]] = np.nan
     safe = y[~is_unsafe]

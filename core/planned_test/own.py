@@ -218,10 +218,13 @@ class OwnSimulator:
         whole = complete(self.dictionary, y, self.dt)
         limits = None if isinstance(self.specification, str) else self.specification
         if limits is None and fail_index is None:
+            keys = self.dictionary.keys
+            shown = keys.index("Nz") if "Nz" in keys else 0
+            high = np.quantile(np.nanmax(whole[..., shown], axis=1), 0.75)
             raise OwnCodeError(
-                f"{self.name} returned no fail_index, and there are neither fail_index nor limits "
-                "to tell which flights fail: give limits, such as "
-                f"--limit {self.dictionary.keys[0]}=LOW..HIGH"
+                f"no limit tells which flights of {self.name} fail, and they have no fail_index: "
+                f"limit any of {', '.join(keys)}, such as --limit {keys[shown]}=..{high:.3g}, in "
+                f"{self.dictionary.channels[shown].unit}, which a quarter of these flights exceed"
             )
         if fail_index is not None:
             needed = f"give a whole number for each of {len(y)} flights, or None"

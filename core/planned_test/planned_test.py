@@ -132,7 +132,8 @@ class ManeuverTest(ABC):
     sights: ClassVar[Mapping[Axis, Sight]] = SIGHTS
     """What a pilot sees of the aircraft."""
     fewer: ClassVar[Mapping[str, Iterable[str]]] = {}
-    """Parts of which it has not all members of their family, and those that it has."""
+    """Parts of which it has not all members of their family, and those that it has; also choices
+    of such a part, by part.choice."""
     usual_noise: ClassVar[SensorNoise] = USUAL_NOISE
 
     def __post_init__(self) -> None:
@@ -227,7 +228,12 @@ class DatasetRecipe(ManeuverTest):
     max_safe: Annotated[int, Bounds(least=1)] = 50_000
     control_law: ControlLaw = CONTROL_LAWS[USUAL.control_law]
 
-    fewer: ClassVar[Mapping[str, Iterable[str]]] = {"maneuver": LATERAL_MANEUVERS}
+    fewer: ClassVar[Mapping[str, Iterable[str]]] = {
+        "maneuver": LATERAL_MANEUVERS,
+        "maneuver.axis": SIGHTS,
+        "maneuver.surface": [surface for surface, k in COLUMN.items() if k < LATERAL_SURFACES],
+        "pilot.axis": SIGHTS,
+    }
 
     def __post_init__(self) -> None:
         if self.maneuver.n_surfaces > LATERAL_SURFACES:

@@ -1,6 +1,7 @@
 """An aircraft of JSBSim by the command line: `forewarn train --simulator jsbsim:NAME`."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -89,6 +90,21 @@ def test_what_cannot_be_flown_is_refused_in_one_sentence(
 def test_without_a_point_what_it_needs_is_named(capsys: pytest.CaptureFixture[str]):
     assert main(["train", "--simulator", "jsbsim:c172p", "--limit", "Nz=..2g"]) == 1
     assert "--point FILE.json, with altitude_m" in capsys.readouterr().err
+
+
+def test_without_an_aircraft_an_example_is_named(capsys: pytest.CaptureFixture[str]):
+    assert main(["train", "--simulator", "jsbsim:", "--limit", "Nz=..2g"]) == 1
+    assert "such as jsbsim:c172p" in capsys.readouterr().err
+
+
+def test_without_a_limit_the_channels_are_named_and_a_limit_that_works(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    given = ["--simulator", "jsbsim:c172p", "--point", f"{point(tmp_path)}"]
+    assert main(["train", *given, "-o", str(tmp_path / "refused.fwm")]) == 1
+    told = capsys.readouterr().err
+    assert f"limit any of {', '.join(SIX_DOF.keys)}" in told
+    assert re.search(r"--limit Nz=\.\.\d\.\d+, in g", told)
 
 
 def test_without_jsbsim_the_extra_is_named(

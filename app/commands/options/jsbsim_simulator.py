@@ -18,7 +18,10 @@ def jsbsim_simulator(name: str, point: Path | None) -> ModelSimulator:
     """An aircraft, flying a test point. RecipeError; TelemetryError for units."""
     if find_spec("jsbsim") is None:
         raise RecipeError(f"{name} needs JSBSim: install forewarn[jsbsim]")
-    aircraft = name.removeprefix(PREFIX)
+    if not (aircraft := name.removeprefix(PREFIX)):
+        raise RecipeError(
+            f"--simulator {name} names no aircraft: write it as {PREFIX}NAME, such as {PREFIX}c172p"
+        )
     try:
         functions = functions_of(aircraft)
     except ValueError as error:

@@ -196,6 +196,12 @@ def plain_recipe(options: argparse.Namespace) -> dict[str, Any]:
         set_path(plain, "dataset.aircraft", to_plain(model))
     elif options.aircraft is not None:
         set_path(plain, "dataset.aircraft.kind", options.aircraft)
+    test = default_test(plain["dataset"])
+    if "n_states" in plain["dataset"].get("aircraft", {}) and isinstance(test, SixDofTest):
+        raise RecipeError(
+            f"--states was given with {plain['dataset']['aircraft']['kind']}, which flies in six "
+            "degrees of freedom with all its states: omit it, or choose a linear aircraft"
+        )
     if options.control_law is not None:
         set_path(plain, "dataset.control_law.kind", options.control_law)
     if options.maneuver is not None and options.maneuver.endswith(".csv"):

@@ -1,6 +1,7 @@
 """Figures of a study and of a lead-time study, as PNG and SVG bytes."""
 
 import io
+import logging
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,9 @@ from core.types import Array, Indices
 if TYPE_CHECKING:
     from core.evaluation.study import StudyResult
 
+
+# Another font takes the place of one that is missing, such as after another Matplotlib's cache.
+logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)
 
 # Okabe and Ito's colours keep apart for colour-blind eyes; dashes repeat the difference.
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000")

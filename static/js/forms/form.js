@@ -112,7 +112,7 @@ function family(key, schema, value, place) {
     const { properties } = entries[kind].schema;
     // a published aircraft's `name` is its kind again
     const hidden = Object.keys(properties).filter((name) => entries[kind].default[name] === kind);
-    inner = objectParts(entries[kind].schema, given, place, hidden);
+    inner = objectParts(narrowed(entries[kind].schema, schema.properties), given, place, hidden);
     const { own, shared, folds } = sorted([...inner.parts], Object.values(entries));
     const parts = [
       isAircraft && "a" in properties && modelInput((model) => turn(kind, { ...inner.read(), ...model })),
@@ -122,6 +122,16 @@ function family(key, schema, value, place) {
     ];
     holder.replaceChildren(...parts.filter(Boolean));
   }
+}
+
+/** A member's schema with the choices that a test has of its parameters. */
+function narrowed({ properties, ...schema }, choices = {}) {
+  const withFewer = ([name, property]) => {
+    if (!choices[name]?.enum || !property.enum) return [name, property];
+    const kept = property.enum.map((value, k) => [value, property["x-labels"][k]]).filter(([value]) => choices[name].enum.includes(value));
+    return [name, { ...property, enum: kept.map(([value]) => value), "x-labels": kept.map(([, words]) => words) }];
+  };
+  return { ...schema, properties: Object.fromEntries(Object.entries(properties).map(withFewer)) };
 }
 
 /** A member's own parameters first; those that every member has are folded where they are many. */

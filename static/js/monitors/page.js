@@ -167,19 +167,22 @@ function robustness(evaluation) {
   if (!kinds.length) return null;
   const quiet = ({ n_safe, false_alerts, safe_withdrawn: called }) => (called === undefined ? called : n_safe - false_alerts - called);
   const aircraft = ({ n_aircraft: n, worst }) => (n ? ` (${n} aircraft${worst ? `; the worst missed ${worst[0]} of ${worst[1]}` : ""})` : "");
-  const rate = ({ miss_rate: mean, misses, n_unsafe: n }) => (n && mean != null ? percent(mean) : share(misses, n));
+  const rate = (name) => (kind) => {
+    const mean = kind[{ misses: "miss_rate", withdrawn: "withdrawn_rate" }[name]]; // older monitors have no mean of the withdrawn
+    return kind.n_unsafe && mean != null ? percent(mean) : share(kind[name], kind.n_unsafe);
+  };
   const columns = [
     ["Flights that differ by", (kind) => kind.words + aircraft(kind)],
     failed,
-    ["missed", rate, "number"],
+    ["missed", rate("misses"), "number"],
     ["95 % interval", ({ miss_interval: bounds, n_unsafe: n }) => (n && bounds ? interval(bounds) : "–"), "number"],
-    withdrawn,
+    [withdrawn[0], rate("withdrawn"), "number"],
     ["safe", ({ n_safe }) => count(n_safe), "number"],
     ["false alarm", ({ false_alerts, n_safe }) => share(false_alerts, n_safe), "number"],
     ["INVALID, no alert", ({ safe_withdrawn, n_safe }) => share(safe_withdrawn, n_safe), "number"],
     ["valid and quiet", (kind) => share(quiet(kind), kind.n_safe), "number"],
   ];
-  const hint = `At ε = ${figure(evaluation.epsilon)}; measured, not guaranteed. Missed: neither an alert nor INVALID in time; for several aircraft, the mean of their shares. No method keeps epsilon for each single aircraft.`;
+  const hint = `At ε = ${figure(evaluation.epsilon)}; measured, not guaranteed. Missed: neither an alert nor INVALID in time; for several aircraft, both are means of their shares. No method keeps epsilon for each single aircraft.`;
   return [table({ columns, items: kinds, panel: false }), h("p.hint", hint)];
 }
 

@@ -112,3 +112,9 @@ def test_a_computed_channel_that_is_sent_is_not_read_of_one_sample_nor_of_many()
 def test_what_is_no_number_is_refused_of_one_sample_too(value: str) -> None:
     with pytest.raises(TelemetryError):
         ChannelReader().samples(decode_batch(f'{{"t": 0.0, "beta": {value}}}'))
+
+
+@pytest.mark.parametrize("content", ["", b"", " \n"])
+def test_an_empty_batch_is_called_empty(content: str | bytes) -> None:
+    with pytest.raises(TelemetryError, match="the batch is empty: send an object"):
+        decode_batch(content)

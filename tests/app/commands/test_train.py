@@ -290,6 +290,8 @@ def test_the_default_promises_for_near_aircraft_but_not_in_groups(monitor, scope
     [
         (["--t-early", "9"], "the manoeuvre lasts 6 s, choose a shorter warning lead time"),
         (["--epsilon", "0.001"], "needs at least 2995 unsafe rollouts"),
+        (["--maneuver", "bank_capture", "--predictor", "response_filter"], "choose the predictor"),
+        (["--aircraft", "ggam_f16c", "--states", "4"], "flies in six degrees of freedom"),
     ],
 )
 def test_what_cannot_be_trained_is_refused_before_it_is_simulated(

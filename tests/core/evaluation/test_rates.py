@@ -1,5 +1,7 @@
 """Evaluation: intervals against scipy and simulation, counts by hand and against the twin."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -169,6 +171,8 @@ def test_every_aircraft_weighs_the_same(by_hand: Monitor) -> None:
     assert result.failures_of.tolist() == [1, 3]
     assert result.misses_of.tolist() == [[1, 1], [2, 2]]
     assert result.miss_rate == pytest.approx([5 / 6, 5 / 6])
+    withdrawn = np.array([[0, 0], [1, 0]])  # counted as the misses are, so shares add up to 1
+    assert replace(result, withdrawn_of=withdrawn).withdrawn_rate == pytest.approx([1 / 6, 0.0])
     shares = np.array([[1.0], [2 / 3]])
     each = clustered_interval(2 * shares, np.full((2, 1), 2.0))
     np.testing.assert_allclose(result.miss_interval, np.repeat(each, 2, axis=0))

@@ -11,8 +11,8 @@ from core.planned_test.planned_test import LateralSimulator, SensorNoise
 from core.simulation.aircraft import AIRCRAFT, PublishedAircraft, Uncertainty
 from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.imperfections import Imperfections
-from core.simulation.maneuver import LATERAL_MANEUVERS
-from core.simulation.pilot import usual_pilot
+from core.simulation.maneuver import LATERAL_MANEUVERS, MANEUVERS
+from core.simulation.pilot import PILOTS, usual_pilot
 from core.simulation.rollout import roll_out
 from core.types import Array
 
@@ -92,6 +92,15 @@ def test_safe_rollouts_above_the_cap_are_counted_but_not_kept():
 def test_a_collection_that_would_not_end_stops_early_with_a_reason():
     with pytest.raises(CollectionError, match=r"0 of \d+ rollouts .* raise the amplitude"):
         collect(with_amplitude(0.5, replace(RECIPE, max_rollouts=20_000)))
+
+
+def test_where_no_amplitude_fails_none_is_advised():
+    capture = replace(MANEUVERS["bank_capture"], duration_s=3.0)
+    test = replace(DatasetRecipe(), maneuver=capture, pilot=PILOTS["crossover"], max_rollouts=5_000)
+    with pytest.raises(CollectionError, match=r"0 of .* even at 45 deg") as refused:
+        collect(test)
+    assert "raise the amplitude" not in f"{refused.value}"
+    assert "lower the limit or choose another manoeuvre" in f"{refused.value}"
 
 
 def test_the_budget_is_exact():

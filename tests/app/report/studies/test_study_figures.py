@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from app.report.studies.study_figures import draw_flight
+from app.report.studies.study_figures import draw_flight, render
 from core.channels import CHANNELS
 from core.dataset import Dataset
 from core.limits.limits import Envelope
@@ -24,3 +24,10 @@ def test_outputs_forecasts_and_limits_are_in_display_units(dataset: Dataset) -> 
         assert forecast == pytest.approx(factor * assessments.y_hat[:, c], nan_ok=True)
         assert (above[0], below[0]) == pytest.approx((0.5 * factor, -0.5 * factor))
         assert f"[{channel.display_unit}]" in strip.get_ylabel()
+
+
+def test_a_missing_font_prints_nothing(caplog: pytest.LogCaptureFixture) -> None:
+    figure = Figure()
+    figure.text(0.5, 0.5, "text", family="a font that is nowhere")
+    assert render(figure, "figure")["figure.svg"]
+    assert caplog.records == []
