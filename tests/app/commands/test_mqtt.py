@@ -254,6 +254,20 @@ def test_a_password_comes_from_the_environment_or_a_file(
 
 
 @pytest.mark.services
+def test_a_broker_that_refuses_to_publish_is_an_error(server: LiveServer):
+    with mosquitto.directory() as directory:
+        rights = directory / "rights"
+        rights.write_text(f"topic read {TOPIC}/#\n")
+        broker = Mosquitto(directory, f"allow_anonymous true\nacl_file {rights}")
+        broker.start()
+        with bridge(broker, server.url, "--monitor", server.monitor_id) as made:
+            assert made.wait(PATIENCE) == 1
+            assert made.stderr is not None
+            assert f"refuses to publish below {TOPIC}" in made.stderr.read()
+        broker.stop()
+
+
+@pytest.mark.services
 def test_a_broker_is_reached_by_tls_only_if_its_certificate_is_known(
     server: LiveServer,
 ):
