@@ -316,7 +316,7 @@ class MqttBridge:
             if over := await asyncio.to_thread(self._why_over):
                 return over
             self._tell(reason)
-            self._publish("state", self._known() | STALE | {"reason": reason}, retain=True)
+            self._publish("state", self._stale(reason), retain=True)
             await asyncio.sleep(wait)
             wait = min(2.0 * wait, LONGEST_WAIT_S)
 
@@ -367,6 +367,14 @@ class MqttBridge:
             "problem": self.client.problem,
             "published": _now(),
         }
+
+    def _stale(self, reason: str) -> dict[str, Any]:
+        """The state while the server does not answer: an unacknowledged warning stays one."""
+        known = self._known()
+        if any(alarm["level"] == "warning" for alarm in known["open_alarms"]):
+            headline = {"status": "alarm", "level": "warning", "beside": ["stale"]}
+            return known | STALE | headline | {"reason": reason}
+        return known | STALE | {"reason": reason}
 
     def _gone(self, reason: str) -> dict[str, Any]:
         """The state where it is unknown."""

@@ -114,6 +114,36 @@ def test_samples_go_in_and_assessments_out_and_a_bad_message_stops_nothing(
 
 
 @pytest.mark.services
+def test_a_flood_of_bad_messages_loses_no_good_one(
+    server: LiveServer, broker: Mosquitto, far: Range
+):
+    with bridge(broker, server.url, "--monitor", server.monitor_id, "--name", "flood"):
+        far.state(progress="running")
+        for k in range(300):  # the server closes a connection that brings a hundred in a second
+            far.publish({"p": 1.0})
+            if k % 30 == 0:
+                far.publish(sample(k // 30))
+        until(lambda: len(far.of("errors")) == 300)
+        until(lambda: len(far.of("assessments")) == 10)
+
+
+@pytest.mark.services
+def test_an_unacknowledged_warning_stays_one_when_the_server_is_gone(
+    broker: Mosquitto, far: Range, tmp_path: Path
+):
+    with ExitStack() as parts:
+        with live_server(tmp_path) as server:
+            parts.enter_context(bridge(broker, server.url, "--monitor", server.monitor_id))
+            far.state(progress="running")
+            far.publish(sample(0))
+            far.publish(sample(1) | {"Ny": 2.0})
+            until(lambda: [x for x in far.of("alarms") if x["kind"] == "limit"])
+        state = far.state(state="stale", status="alarm", beside=["stale"])
+        assert state["level"] == "warning"
+        assert "limit" in [alarm["kind"] for alarm in state["open_alarms"]]
+
+
+@pytest.mark.services
 def test_alarms_are_published_with_their_acknowledgement_and_open_ones_are_in_the_state(
     server: LiveServer, broker: Mosquitto, far: Range
 ):
