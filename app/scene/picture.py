@@ -56,6 +56,8 @@ HORIZON, NEAREST = 4000.0, 0.5
 """Radius of the ground, its edge less than half a degree below the true horizon; and the nearest
 thing that is drawn [m]."""
 RING_RADIUS = 8.8
+WORD_HEIGHT = 0.9
+"""[m]"""
 COLUMN_AT, COLUMN_HEIGHT, COLUMN_RADIUS = (-8.5, -8.5, 0.5), 6.6, 0.5
 """Beside the aircraft, and over a third of the picture's height, from each of the CAMERAS."""
 INWARD = 1.3
@@ -253,34 +255,31 @@ class Picture:
             at = (0.0, 0.0, -height(p_value))
             self._add_lines(f"/column/{name}", ring, INK, 1.2, position=at)
             if name in NUMBERED:
-                scene.add_label(
-                    f"{WORDS}/{name}",
-                    f"{p_value:g}",
-                    font_screen_scale=0.75,
-                    anchor="center-center",
-                    position=_beside_column(1.0, at[2]),
-                )
+                self._add_words(f"{WORDS}/{name}", f"{p_value:g}", 0.75, _beside_column(1.0, at[2]))
         self._threshold = scene.add_line_segments(
             "/column/threshold", circle(COLUMN_RADIUS * 1.75), LIMIT, thickness=0.18
         )
-        self._threshold_label = scene.add_label(
-            f"{WORDS}/threshold", "", font_screen_scale=0.9, anchor="center-center"
-        )
+        self._threshold_label = self._add_words(f"{WORDS}/threshold", "", 0.9)
         self._headline, self._unknown = (
-            scene.add_label(
-                f"{STATE}/{name}", "", position=at, font_screen_scale=size, anchor="center-center"
-            )
+            self._add_words(f"{STATE}/{name}", "", size, at)
             for name, at, size in (("headline", HEADLINE_AT, 1.0), ("unknown", UNKNOWN_AT, 0.8))
         )
         if "rudder" not in self._parts:
-            scene.add_label(
-                f"{WORDS}/fixed",
-                "surfaces do not move",
-                position=FIXED_AT,
-                font_screen_scale=0.8,
-                anchor="center-center",
-            )
+            self._add_words(f"{WORDS}/fixed", "surfaces do not move", 0.8, FIXED_AT)
         self._readout = self._server.gui.add_html("")
+
+    def _add_words(
+        self, name: str, text: str, size: float, at: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ) -> Any:
+        """Words that grow with the picture, as everything in it. size: of WORD_HEIGHT."""
+        return self._server.scene.add_label(
+            name,
+            text,
+            position=at,
+            font_size_mode="scene",
+            font_scene_height=size * WORD_HEIGHT,
+            anchor="center-center",
+        )
 
     # --- moving ---------------------------------------------------------------------------------
 

@@ -447,6 +447,11 @@ class TestThePicture:
         assert nodes(scene)._headline.text == text
         assert tuple(nodes(scene)._ring.colors) == colour
 
+    def test_words_grow_with_the_picture(self, scene):
+        shown = nodes(scene)
+        words = shown._threshold_label, shown._headline, shown._unknown
+        assert {label.font_size_mode for label in words} == {"scene"}
+
     def test_no_label_is_wider_than_a_narrow_scene(self, scene, clock):
         facts = Facts(alarm=True, exceeded_t=8.76)
         show(scene, facts=facts)

@@ -67,3 +67,33 @@ def test_the_ball_moves_against_the_lateral_acceleration_else_with_the_sideslip(
     assert shown(strips, frame)["ball"] == 10
     right = shown(strips, frame, [CHANNELS[0]])["ball"]
     assert 0 < right < 10
+
+
+@pytest.mark.parametrize("height", [150, 320])
+def test_on_the_wall_it_covers_little_of_the_scene(strips: Open, height: int) -> None:
+    box = run(
+        strips(),
+        f"""
+        const links = ["fly", "wall"].map((name) => {{
+          const link = document.createElement("link");
+          Object.assign(link, {{ rel: "stylesheet", href: `/static/${{name}}.css` }});
+          return [link, new Promise((resolve) => link.addEventListener("load", resolve))];
+        }});
+        document.head.append(...links.map(([link]) => link));
+        await Promise.all(links.map(([, loaded]) => loaded));
+        const scene = document.createElement("div");
+        scene.style = "position: relative; width: 440px; height: {height}px";
+        scene.append(h.createAttitudeIndicator().element);
+        const flight = document.createElement("div");
+        flight.className = "flight";
+        flight.toggleAttribute("data-wall", true);
+        flight.append(scene);
+        document.body.append(flight);
+        const {{ width, height }} = scene.firstChild.getBoundingClientRect();
+        flight.remove();
+        for (const [link] of links) link.remove();
+        return [width, height];
+        """,
+    )
+    assert 50 < box[0] <= 0.36 * 440 + 1
+    assert box[1] < height

@@ -30,7 +30,7 @@ export function createAttitudeIndicator() {
   const clip = svg("clipPath", { id: "attitude-face" }, svg("circle", { r: 49 }));
   const face = svg("g", { "clip-path": "url(#attitude-face)" }, moving);
   const known = svg("g", face, scale, pointer, craft);
-  const element = svg("svg.attitude", { viewBox: "-52 -52 104 120", role: "img" }, clip, known, unknown, tube);
+  const element = svg("svg.attitude", { viewBox: "-52 -52 104 120", preserveAspectRatio: "xMinYMin", role: "img" }, clip, known, unknown, tube);
   const values = Object.fromEntries(Object.entries(FIGURES).map(([key, symbol]) => [key, { symbol, value: h("b") }]));
   const items = Object.entries(values).map(([key, { symbol, value }]) => h("span", { "data-angle": key }, `${symbol} `, value));
   const plan = h("span.attitude-plan");
