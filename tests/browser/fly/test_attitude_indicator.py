@@ -71,16 +71,12 @@ def test_the_ball_moves_against_the_lateral_acceleration_else_with_the_sideslip(
 
 @pytest.mark.parametrize("height", [150, 320])
 def test_on_the_wall_it_covers_little_of_the_scene(strips: Open, height: int) -> None:
+    page = strips()
+    for sheet in ("fly", "wall"):
+        page.add_style_tag(url=f"/static/{sheet}.css")
     box = run(
-        strips(),
+        page,
         f"""
-        const links = ["fly", "wall"].map((name) => {{
-          const link = document.createElement("link");
-          Object.assign(link, {{ rel: "stylesheet", href: `/static/${{name}}.css` }});
-          return [link, new Promise((resolve) => link.addEventListener("load", resolve))];
-        }});
-        document.head.append(...links.map(([link]) => link));
-        await Promise.all(links.map(([, loaded]) => loaded));
         const scene = document.createElement("div");
         scene.style = "position: relative; width: 440px; height: {height}px";
         scene.append(h.createAttitudeIndicator().element);
@@ -91,7 +87,6 @@ def test_on_the_wall_it_covers_little_of_the_scene(strips: Open, height: int) ->
         document.body.append(flight);
         const {{ width, height }} = scene.firstChild.getBoundingClientRect();
         flight.remove();
-        for (const [link] of links) link.remove();
         return [width, height];
         """,
     )
