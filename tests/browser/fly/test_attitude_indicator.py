@@ -79,7 +79,9 @@ def test_on_the_wall_it_covers_little_of_the_scene(strips: Open, height: int) ->
         f"""
         const scene = document.createElement("div");
         scene.style = "position: relative; width: 440px; height: {height}px";
-        scene.append(h.createAttitudeIndicator().element);
+        const indicator = h.createAttitudeIndicator();
+        indicator.show({{ attitude: [0, 0, 0], y: [0, 0] }}, {{ channels: [], no_plan: "" }});
+        scene.append(indicator.element);
         const flight = document.createElement("div");
         flight.className = "flight";
         flight.toggleAttribute("data-wall", true);
