@@ -6,7 +6,7 @@ import signal
 import subprocess
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -36,8 +36,8 @@ class Mosquitto:
     more: further lines of its configuration.
     """
 
-    def __init__(self, directory: Path, more: str = "allow_anonymous true", inflight: int = 1000):
-        self.port = free_port()
+    def __init__(self, directory: Path, more: str, inflight: int) -> None:
+        self.directory, self.port = directory, free_port()
         self.url = f"mqtt://127.0.0.1:{self.port}"
         self._configuration, self._log = directory / "mosquitto.conf", directory / "log"
         about = {"directory": directory, "user": getpass.getuser(), "port": self.port}
@@ -120,7 +120,7 @@ class Range:
 
 
 @contextmanager
-def directory() -> Iterator[Path]:
+def _directory() -> Iterator[Path]:
     """For a broker; the test is skipped where mosquitto is not installed."""
     if PROGRAM is None:
         pytest.skip("mosquitto is not installed: it is in the Debian package of this name")
@@ -132,9 +132,12 @@ def directory() -> Iterator[Path]:
 
 
 @contextmanager
-def running(more: str = "allow_anonymous true", inflight: int = 1000) -> Iterator[Mosquitto]:
-    with directory() as path:
-        broker = Mosquitto(path, more, inflight)
+def running(
+    configure: Callable[[Path], str] = lambda _: "allow_anonymous true", inflight: int = 1000
+) -> Iterator[Mosquitto]:
+    """A started broker. configure: further lines of its configuration, of files in its folder."""
+    with _directory() as path:
+        broker = Mosquitto(path, configure(path), inflight)
         broker.start()
         try:
             yield broker

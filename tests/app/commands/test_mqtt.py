@@ -1,5 +1,6 @@
 """`forewarn mqtt`: what the broker was told is received, and a silence is never calm."""
 
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -56,7 +57,8 @@ def bridge(
 ) -> Iterator[subprocess.Popen[str]]:
     """The command in a process of its own."""
     call = [*CALL, "--broker", broker.url, "--server", server, *into]
-    with subprocess.Popen(call, stderr=subprocess.PIPE, text=True, env=environment or None) as made:
+    surroundings = os.environ | environment
+    with subprocess.Popen(call, stderr=subprocess.PIPE, text=True, env=surroundings) as made:
         try:
             yield made
         finally:
@@ -207,9 +209,7 @@ def test_a_second_bridge_of_a_source_ends_the_first_with_an_error(
     with bridge(broker, server.url, *into) as first:
         far.state(progress="running")
         with bridge(broker, server.url, *into):
-            assert first.wait(PATIENCE) == 1
-            assert first.stderr is not None
-            assert "another bridge" in first.stderr.read()
+            assert "another bridge" in failed(first)
             far.state(progress="running", flight=far.of("state")[0]["flight"])
 
 
@@ -257,72 +257,74 @@ def test_no_sample_is_lost_whoever_is_restarted(
         assert httpx2.get(address).json()["counts"]["accepted"] == n
 
 
+def with_password(folder: Path) -> str:
+    users = folder / "users"
+    call = ["mosquitto_passwd", "-b", "-c", str(users), "ann", "secret"]
+    subprocess.run(call, check=True, capture_output=True)
+    return f"allow_anonymous false\npassword_file {users}"
+
+
+def for_reading(folder: Path) -> str:
+    rights = folder / "rights"
+    rights.write_text(f"topic read {TOPIC}/#\n")
+    return f"allow_anonymous true\nacl_file {rights}"
+
+
+def with_certificate(folder: Path) -> str:
+    key, certificate = folder / "key.pem", folder / "certificate.pem"
+    call = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2"]
+    call += ["-subj", "/CN=127.0.0.1", "-addext", "subjectAltName=IP:127.0.0.1"]
+    call += ["-keyout", str(key), "-out", str(certificate)]
+    subprocess.run(call, check=True, capture_output=True)
+    return f"allow_anonymous true\nkeyfile {key}\ncertfile {certificate}"
+
+
+def failed(made: subprocess.Popen[str]) -> str:
+    """What a command printed that has ended with an error."""
+    assert made.wait(PATIENCE) == 1
+    assert made.stderr is not None
+    return made.stderr.read()
+
+
 @pytest.mark.services
-@pytest.mark.parametrize("wrong", [False, True])
-def test_a_password_comes_from_the_environment_or_a_file(
-    wrong: bool, server: LiveServer, tmp_path: Path
-):
-    with mosquitto.directory() as directory:
-        users = directory / "users"
-        call = ["mosquitto_passwd", "-b", "-c", str(users), "ann", "secret"]
-        subprocess.run(call, check=True, capture_output=True)
-        broker = Mosquitto(directory, f"allow_anonymous false\npassword_file {users}")
-        broker.start()
+def test_a_password_comes_from_the_environment_or_a_file(server: LiveServer, tmp_path: Path):
+    file = tmp_path / "password"
+    file.write_text("secret\n")
+    into = "--monitor", server.monitor_id, "--user", "ann"
+    with mosquitto.running(with_password) as broker:
+        with bridge(broker, server.url, *into, FOREWARN_MQTT_PASSWORD="nonsense") as made:
+            assert "check user and password" in failed(made)
         far = Range(broker, TOPIC, username="ann", password="secret")
-        (tmp_path / "password").write_text("nonsense\n" if wrong else "secret\n")
-        login = "--user", "ann", "--password-file", str(tmp_path / "password")
-        into = "--monitor", server.monitor_id, "--name", "login"
-        with bridge(broker, server.url, *into, *login) as made:
-            if wrong:
-                assert made.wait(PATIENCE) == 1
-                assert made.stderr is not None
-                assert "check user and password" in made.stderr.read()
-            else:
-                far.state(progress="running")
+        with bridge(broker, server.url, *into, FOREWARN_MQTT_PASSWORD="secret"):
+            far.state(progress="running")
+        far.state(progress="unknown")
+        with bridge(broker, server.url, *into, "--password-file", str(file)):
+            far.state(progress="running")
         far.close()
-        broker.stop()
 
 
 @pytest.mark.services
 def test_a_broker_that_refuses_to_publish_is_an_error(server: LiveServer):
-    with mosquitto.directory() as directory:
-        rights = directory / "rights"
-        rights.write_text(f"topic read {TOPIC}/#\n")
-        broker = Mosquitto(directory, f"allow_anonymous true\nacl_file {rights}")
-        broker.start()
-        with bridge(broker, server.url, "--monitor", server.monitor_id) as made:
-            assert made.wait(PATIENCE) == 1
-            assert made.stderr is not None
-            assert f"refuses to publish below {TOPIC}" in made.stderr.read()
-        broker.stop()
+    into = "--monitor", server.monitor_id
+    with (
+        mosquitto.running(for_reading) as broker,
+        bridge(broker, server.url, *into) as made,
+    ):
+        assert f"refuses to publish below {TOPIC}" in failed(made)
 
 
 @pytest.mark.services
-def test_a_broker_is_reached_by_tls_only_if_its_certificate_is_known(
-    server: LiveServer,
-):
-    with mosquitto.directory() as directory:
-        key, certificate = directory / "key.pem", directory / "certificate.pem"
-        call = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2"]
-        call += ["-subj", "/CN=127.0.0.1", "-addext", "subjectAltName=IP:127.0.0.1"]
-        call += ["-keyout", str(key), "-out", str(certificate)]
-        subprocess.run(call, check=True, capture_output=True)
-        broker = Mosquitto(
-            directory, f"allow_anonymous true\nkeyfile {key}\ncertfile {certificate}"
-        )
+def test_a_broker_is_reached_by_tls_only_if_its_certificate_is_known(server: LiveServer):
+    into = "--monitor", server.monitor_id
+    with mosquitto.running(with_certificate) as broker:
         broker.url = broker.url.replace("mqtt", "mqtts")
-        broker.start()
-        into = "--monitor", server.monitor_id, "--name", "tls"
         with bridge(broker, server.url, *into) as made:
-            assert made.wait(PATIENCE) == 1
-            assert made.stderr is not None
-            assert "certificate" in made.stderr.read()
-        with bridge(broker, server.url, *into, "--ca", str(certificate)) as made:
-            far = Range(broker, TOPIC, ca=str(certificate))
+            assert "certificate" in failed(made)
+        known = str(broker.directory / "certificate.pem")
+        with bridge(broker, server.url, *into, "--ca", known):
+            far = Range(broker, TOPIC, ca=known)
             far.state(progress="running")
             far.close()
-            assert made.poll() is None
-        broker.stop()
 
 
 def test_a_broker_that_is_not_there_is_an_error(server: LiveServer, capsys: pytest.CaptureFixture):
