@@ -347,7 +347,8 @@ def _dataset_line(dataset: Dataset) -> str:
         n_unsafe, n_safe = len(dataset.unsafe), len(dataset.safe)
         return f"trained on {n_unsafe} failing and {n_safe} safe flights"
     parts = ("aircraft", "control_law", "maneuver", "pilot")
-    kinds = (recipe[part]["kind"] for part in parts if part in recipe)
+    chosen = (recipe[part] for part in parts if part in recipe)
+    kinds = (f"{each['kind']} {each.get('model', '')}".rstrip() for each in chosen)
     plan = recipe.get("simulator") or ", ".join(kinds)
     return (
         f"simulated {len(dataset.unsafe)} unsafe and {dataset.n_safe_met} safe rollouts "

@@ -99,7 +99,7 @@ class JsbsimAircraft:
 
     @property
     def description(self) -> str:
-        return "an aircraft of JSBSim, six degrees of freedom, with its own flight controls"
+        return "An aircraft of JSBSim, six degrees of freedom, with its own flight controls"
 
     @property
     def condition(self) -> Look:
