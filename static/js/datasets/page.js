@@ -92,7 +92,7 @@ function details(dataset, catalog) {
   return panel("Recipe", [
     h(
       "div.columns.recipe-columns",
-      isKnown || recipe.aircraft ? recipeTable(schema, recipe, catalog) : h("p", recipe.simulator ? `Made on the command line by ${recipe.planned ? "forewarn train --limit, with labels by stability margins" : "an own simulator"}.` : "Own rollouts have no recipe."),
+      isKnown || recipe.aircraft ? recipeTable(schema, recipe, catalog) : h("p", recipe.simulator ? "Made on the command line by an own simulator." : "Own rollouts have no recipe."),
       recipeList(origin),
     ),
     hasRecipe && rawRecipe(recipe),

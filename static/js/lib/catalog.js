@@ -52,8 +52,7 @@ export function isSimulated({ dataset_recipe, recipe = {} }) {
 
 /** Aircraft and manoeuvre of a monitor or a dataset. */
 export function testNames(catalog, entry) {
-  const { aircraft, maneuver, pilot, simulator, flown, planned } = entry.dataset_recipe ?? entry.recipe ?? {};
-  if (planned) return testNames(catalog, { recipe: planned });
+  const { aircraft, maneuver, pilot, simulator, flown } = entry.dataset_recipe ?? entry.recipe ?? {};
   const added = flown ? " with flown flights" : "";
   if (!aircraft) return [(simulator ? `own simulator ${simulator}` : "own rollouts") + added, "not recorded"];
   const inLoop = pilot && pilot.kind !== "open_loop" ? ", pilot in the loop" : "";
