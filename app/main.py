@@ -31,9 +31,11 @@ from app.http.idempotency import Idempotent, describe_keys
 from app.http.metrics import Measured, Metrics
 from app.http.problems import describe_problems, install_problems
 from app.jobs.jobs import Jobs
+from app.recordings.archives import Archives
 from app.recordings.recordings import Recordings
 from app.recordings.scored import ScoredRecordings
 from app.routes import (
+    archives,
     campaigns,
     catalog,
     datasets,
@@ -158,7 +160,16 @@ def _routes() -> Iterator[BaseRoute]:
     FastAPI would build the routes of an included router again at the first request, while other
     threads run. During this it hides pydantic's warnings, in all threads.
     """
-    stored = (datasets, monitors, score_telemetry, limit_sets, monitor_sets, recordings, scorings)
+    stored = (
+        datasets,
+        monitors,
+        score_telemetry,
+        limit_sets,
+        monitor_sets,
+        recordings,
+        scorings,
+        archives,
+    )
     flown = (flights, flight_sockets, live)
     for module in (catalog, *stored, simulated_flights, jobs, campaigns, *flown, people, server):
         yield from module.router.routes
@@ -213,6 +224,7 @@ async def _parts(app: FastAPI) -> AsyncIterator[None]:
         )
         await parts.enter_async_context(stored_recordings)
         app.state.scored = ScoredRecordings(stored_recordings)
+        app.state.archives = Archives(settings.archives)
         work = app.state.jobs = Jobs(
             store, settings.max_jobs, settings.max_queued_jobs, settings.scheduler
         )

@@ -60,6 +60,7 @@ class Settings:
     retain_gb: float = 0.0
     scheduler: str | None = None
     shared: str | None = None
+    archives: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.token is not None and len(self.token) < SHORTEST_TOKEN:

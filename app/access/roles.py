@@ -18,6 +18,7 @@ UPLINK = f"{WEBSOCKET} {FLIGHT}/uplink"
 SAMPLES = f"POST {FLIGHT}/samples"
 
 READABLE = (
+    "archives",
     "asyncapi.json",
     "campaigns",
     "catalog",

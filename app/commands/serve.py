@@ -24,6 +24,12 @@ def add(parser: argparse.ArgumentParser) -> None:
         "such as http://range-1:8000: one owns the flights, the others relay to it and take over "
         "when it ends",
     )
+    option(
+        parser,
+        "--archive DIR",
+        "results of `forewarn score-archive` that the page shows; may be repeated",
+        action="append",
+    )
 
 
 def add_server(parser: argparse.ArgumentParser) -> None:
@@ -46,6 +52,7 @@ def settings_of(options: argparse.Namespace) -> Settings:
         database_url=options.database_url,
         scheduler=options.scheduler,
         shared=getattr(options, "shared", None),
+        archives=tuple(getattr(options, "archive", None) or ()) or None,
     )
 
 

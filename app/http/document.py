@@ -10,6 +10,7 @@ TAGS = {
     "limit sets": "Versioned limits that a flight puts in force.",
     "monitor sets": "Monitors by flight condition, of which a flight uses the one that applies.",
     "recordings": "Telemetry files: upload, mapping, scorings, markers, exports.",
+    "archives": "Results of `forewarn score-archive`: summary, flights, samples.",
     "flights": "Flights in progress and ended: source, samples, alarms, markers.",
     "campaigns": "Build-ups: clear, fly and identify one point after another.",
     "jobs": "Long work: progress, results, cancelling.",

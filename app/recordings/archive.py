@@ -1,13 +1,14 @@
 """Score the recordings of a folder tree into Parquet files that other programs read as they are.
 
-    OUT/summary.parquet        a row for each flight and scoring
+    OUT/summary.parquet        a row for each flight and scoring; its metadata say when, by what
         files.parquet          a row for each file of the source, with the reason if it failed
                                and the flight that it is a copy of, which alone is scored
         samples/monitor=M/aircraft=A/month=YYYY-MM/ID.parquet
-        flights/ID.json        what was scored, by what; written last: work continues after it
+        flights/ID.json        what was scored, by what, with its manoeuvres; written after its
+                               samples: work continues after it
 
-ID is of the file's path. A flight is scored again when its file, a monitor, the mapping, a setting
-or the program has changed.
+ID is of the file's path. Of the tables, files.parquet is written last, with equal metadata. A
+flight is scored again when its file, a monitor, the mapping, a setting or the program has changed.
 """
 
 import hashlib
@@ -24,15 +25,19 @@ from datetime import UTC, datetime
 from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 from urllib.parse import quote
 
 import numpy as np
 
 from app import json_codec
+from app.messages import limited_channels
 from app.recordings.exports import EXPORTS, ExportColumn, columns
 from app.recordings.files import digest_of
+from app.recordings.scored import scoring_fields
 from app.recordings.scored_file import Scored, ScoreRequest, labels, load_monitors, score_file
+from app.store.tables import now
+from app.telemetry.mapping.applying import time_zero
 from app.telemetry.readers import isolation
 from core import __version__
 from core.monitor import Monitor
@@ -48,11 +53,23 @@ MONTH = re.compile(
     r"(?<!\d)((?:19|20)\d\d)[-_.]?(0[1-9]|1[0-2])(?:[-_.]?(?:0[1-9]|[12]\d|3[01]))?(?!\d)"
 )
 """A date in a path, with or without its day."""
-COUNTS = (
-    *("n_samples", "manoeuvres", "exceedances", "exceedances_outside", "alerts"),
-    *("warned_in_time", "warned_late", "misses", "false_alarms", "quiet", "no_verdict"),
-    *("valid", "not_valid", "validity_unknown"),
-)
+Count = Literal[
+    "n_samples",
+    "manoeuvres",
+    "exceedances",
+    "exceedances_outside",
+    "alerts",
+    "warned_in_time",
+    "warned_late",
+    "misses",
+    "false_alarms",
+    "quiet",
+    "no_verdict",
+    "valid",
+    "not_valid",
+    "validity_unknown",
+]
+COUNTS: tuple[str, ...] = get_args(Count)
 SUMMARY = (
     dict.fromkeys(("monitor", "aircraft", "flight", "month", "samples"), "string")
     | dict.fromkeys(("epsilon", "start", "end", "peak_risk"), "float64")
@@ -60,6 +77,12 @@ SUMMARY = (
 )
 FILES = dict.fromkeys(("flight", "digest", "error", "copy_of"), "string") | {"size": "int64"}
 """Types of the columns of the tables."""
+LAYOUT = 2
+"""Of a record, which is made again where it has another."""
+DETAILS = ("mapping", "time_zero", "request", "details")
+"""What a record has besides the rows of the summary."""
+ABOUT = b"forewarn"
+"""Key of the metadata of a table."""
 
 
 @dataclass(frozen=True)
@@ -123,7 +146,34 @@ class ArchiveScorer:
             "recipe": asdict(score.recipe),
             "aircraft": request.aircraft,
             "version": __version__,
+            "layout": LAYOUT,
         }
+
+    def about(self) -> dict[str, Any]:
+        """When the archive was scored, from where and by what. Stored with its tables."""
+        score = self._request.score
+        pairs = [
+            (monitor, path, monitor.check_epsilon(epsilon))
+            for monitor, path in zip(self._monitors, score.monitors, strict=True)
+            for epsilon in score.epsilons
+        ]
+        monitors = [
+            {
+                "name": name,
+                "file": path.name,
+                "digest": self._digests[path],
+                "epsilon": epsilon,
+                "alert_above": monitor.alert_above(epsilon),
+                "lead": monitor.lead,
+                "channels": [
+                    channel.model_dump()
+                    for channel in limited_channels(monitor.dictionary, monitor.specification)
+                ],
+            }
+            for name, (monitor, path, epsilon) in zip(self._names, pairs, strict=True)
+        ]
+        source = str(score.file)
+        return {"scored": now(), "version": __version__, "source": source, "monitors": monitors}
 
     def __call__(self, file: ArchiveFile) -> dict[str, Any]:
         """The record of a flight, stored unless it is unchanged. OSError if it cannot be stored."""
@@ -146,9 +196,20 @@ class ArchiveScorer:
         ]
         record = {"flight": file.flight, "key": key, "digest": content, "scorings": rows}
         record["size"] = file.path.stat().st_size
-        mapping = {"mapping": scored.mapping.to_plain()}
-        write_whole(file.record, json_codec.encode(record | mapping))
+        mapping = scored.mapping.to_plain()
+        details = {
+            "mapping": mapping,
+            "time_zero": time_zero(scored.contents, scored.mapping),
+            "request": self._request.score.recipe.to_plain(),
+            "details": [self._details(each) for each in scored.scored],
+        }
+        write_whole(file.record, json_codec.encode(record | details))
         return record
+
+    def _details(self, scored: Scored) -> dict[str, Any]:
+        details = scoring_fields(scored.recording, scored.monitor, {})
+        del details["mapping"]
+        return details | {"monitor_digest": self._digests[scored.path]}
 
     def _stored(self, file: ArchiveFile, scored: Scored, name: str) -> dict[str, Any]:
         """Write the samples of a scoring; return its row of the summary."""
@@ -236,6 +297,7 @@ def score_archive(
     ValueError for a source or monitors that cannot be used; OSError.
     """
     request = request.absolute()
+    scorer = ArchiveScorer(request)
     files = list(_files(request))
     if not files:
         raise ValueError(f"{request.score.file} holds no files: give a folder of recordings")
@@ -255,13 +317,14 @@ def score_archive(
         {"flight": flight, "copy_of": first} for flight, first in copies.items()
     ]
     different = [file for file in files if file.flight not in copies]
-    for result in _scored(request, different, executor):
+    for result in _scored(scorer, request, different, executor):
         results.append(result)
         progress(len(results), len(files))
     results.sort(key=lambda result: result["flight"])
     rows = [row for result in results for row in result.get("scorings", ())]
-    _write(request.out / "summary.parquet", rows, SUMMARY)
-    _write(request.out / "files.parquet", results, FILES)
+    about = scorer.about()
+    _write(request.out / "summary.parquet", rows, SUMMARY, about)
+    _write(request.out / "files.parquet", results, FILES, about)
     named = {request.out / row["samples"] for row in rows}
     for samples in (request.out / "samples").rglob("*.parquet"):
         if samples not in named:
@@ -288,8 +351,12 @@ def _files(request: ArchiveRequest) -> Iterator[ArchiveFile]:
             continue
         if not path.is_dir() or path.is_symlink():
             flight = inside.as_posix()
-            name = hashlib.sha256(flight.encode()).hexdigest()[:ID_LETTERS]
-            yield ArchiveFile(path, flight, request.out / "flights" / f"{name}.json")
+            yield ArchiveFile(path, flight, request.out / "flights" / f"{record_id(flight)}.json")
+
+
+def record_id(flight: str) -> str:
+    """ID of a flight, of its path in the source."""
+    return hashlib.sha256(flight.encode()).hexdigest()[:ID_LETTERS]
 
 
 def _no_file(path: Path) -> str:
@@ -317,10 +384,13 @@ def _copies(files: list[ArchiveFile]) -> dict[str, str]:
 
 
 def _scored(
-    request: ArchiveRequest, files: list[ArchiveFile], executor: Executor | None
+    scorer: ArchiveScorer,
+    request: ArchiveRequest,
+    files: list[ArchiveFile],
+    executor: Executor | None,
 ) -> Iterator[dict[str, Any]]:
     """The record of each file, as it is done. Readers are processes that read many files."""
-    scorer, packed = ArchiveScorer(request), pickle.dumps(request)  # refuses monitors at once
+    packed = pickle.dumps(request)
     if executor is not None:
         with Tasks(executor) as tasks:
             for done in as_completed([tasks.submit(_score, packed, file) for file in files]):
@@ -371,7 +441,8 @@ def read_record(path: Path) -> dict[str, Any]:
         samples = [path.parents[1] / row["samples"] for row in record["scorings"]]
     except (OSError, ValueError, KeyError, TypeError):
         return {}
-    record.pop("mapping", None)
+    for name in DETAILS:
+        record.pop(name, None)
     return record if all(file.is_file() for file in samples) else {}
 
 
@@ -380,11 +451,14 @@ def _reason(error: Exception, file: ArchiveFile) -> str:
     return words.removeprefix(f"{file.path}: ")
 
 
-def _write(path: Path, rows: list[dict[str, Any]], kinds: dict[str, str]) -> None:
+def _write(
+    path: Path, rows: list[dict[str, Any]], kinds: dict[str, str], about: dict[str, Any]
+) -> None:
     import pyarrow as pa
     from pyarrow.parquet import write_table
 
-    schema = pa.schema([(name, pa.type_for_alias(kind)) for name, kind in kinds.items()])
+    fields = [(name, pa.type_for_alias(kind)) for name, kind in kinds.items()]
+    schema = pa.schema(fields, {ABOUT: json_codec.encode(about)})
     table = pa.Table.from_pylist(rows, schema)
     with whole_file(path) as file:
         write_table(table, file)

@@ -6,7 +6,6 @@ give equal samples, so a repeated request returns the stored scoring.
 
 import hashlib
 import json
-from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import Any
@@ -24,7 +23,7 @@ from app.recordings.samples import (
     samples_file,
     save_samples,
 )
-from app.recordings.tiles import Window, window
+from app.recordings.tiles import Window, window_between
 from app.store.scorings import ScoringInfo
 from app.store.tables import new_id, now
 from app.telemetry.mapping.mapping import Mapping
@@ -70,12 +69,7 @@ class ScoredRecordings:
             folder = self.files.scorings(info.recording_id)
             about = folder, info.id, info.digest, self.files.verified
             samples, tiles = open_samples(*about), open_tiles(*about)
-        t = samples["t"]
-        first = bisect_left(t, start)
-        last = bisect_right(t, end) - 1
-        if last < first:
-            return samples, Window(first, 1, tiles[:0])
-        return samples, window(samples, tiles, first, last, bins)
+        return samples, window_between(samples, tiles, start, end, bins)
 
     def delete(self, recording_id: str, scoring_id: str) -> None:
         """Delete a scoring with its samples. NotFound; InUse during a flight."""

@@ -69,15 +69,7 @@ def _answer(info: ScoringInfo, monitor: MonitorInfo, verified: bool) -> dict[str
     specification = specification_from_plain(info.specification, dictionary)
     channels = limited_channels(dictionary, specification)
     plain = {key: value for key, value in asdict(info).items() if key not in OF_ITS_OWN}
-    plain["manoeuvres"] = [
-        manoeuvre
-        | {
-            "exceedance_verdict": verdict_of(manoeuvre),
-            "verdict": wording_of(manoeuvre)._asdict(),
-            "outcome_words": OUTCOMES[manoeuvre["outcome"]]._asdict(),
-        }
-        for manoeuvre in info.manoeuvres
-    ]
+    plain["manoeuvres"] = worded(info.manoeuvres)
     if info.damage:
         plain |= {key: [] for key in VERDICTS}
         verified = False
@@ -89,6 +81,19 @@ def _answer(info: ScoringInfo, monitor: MonitorInfo, verified: bool) -> dict[str
         "verified": verified,
         "channels": [channel.model_dump() for channel in channels],
     }
+
+
+def worded(manoeuvres: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Stored manoeuvres with their verdicts in words."""
+    return [
+        manoeuvre
+        | {
+            "exceedance_verdict": verdict_of(manoeuvre),
+            "verdict": wording_of(manoeuvre)._asdict(),
+            "outcome_words": OUTCOMES[manoeuvre["outcome"]]._asdict(),
+        }
+        for manoeuvre in manoeuvres
+    ]
 
 
 def detected_manoeuvres(
@@ -142,16 +147,15 @@ def frames(info: ScoringInfo, samples: Samples, first: int) -> list[dict[str, An
     return answer
 
 
-def tiled(
-    info: ScoringInfo, dictionary: Dictionary, samples: Samples, window: Window
-) -> dict[str, Any]:
+def tiled(dt: float, keys: Sequence[str], samples: Samples, window: Window) -> dict[str, Any]:
+    """A window of a scoring's samples.   keys: of the channels."""
     bins, n = window.bins, len(window.bins)
     t = samples["t"]
     end = min(window.first + n * window.width, len(t)) - 1
     return {
         "start": float(t[window.first]) if n else None,
         "end": float(t[end]) if n else None,
-        "step": window.width * info.dt,
+        "step": window.width * dt,
         "samples": window.width,
         "t": np.ascontiguousarray(t[window.first : end + 1 : window.width]) if n else [],
         "channels": {
@@ -159,7 +163,7 @@ def tiled(
                 "low": np.ascontiguousarray(bins["low"][:, channel]),
                 "high": np.ascontiguousarray(bins["high"][:, channel]),
             }
-            for channel, key in enumerate(dictionary.keys)
+            for channel, key in enumerate(keys)
         },
         "risk": {
             "low": np.ascontiguousarray(bins["risk_low"]),

@@ -5,6 +5,7 @@ uses the level with tiles slightly finer than its bins, so the work depends on t
 and not on the length of the recording. The extremes of a bin are exact.
 """
 
+from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 from typing import Any
 
@@ -83,6 +84,16 @@ def window(samples: Samples, tiles: Samples, first: int, last: int, bins: int) -
     per_bin = -(-(end - begin) // bins)
     end = begin + -(-(end - begin) // per_bin) * per_bin
     return Window(begin * size, per_bin * size, _joined(source[begin:end], per_bin))
+
+
+def window_between(samples: Samples, tiles: Samples, start: float, end: float, bins: int) -> Window:
+    """Samples from start to end [s] in at most `bins` bins; none if there are none."""
+    t = samples["t"]
+    first = bisect_left(t, start)
+    last = bisect_right(t, end) - 1
+    if last < first:
+        return Window(first, 1, tiles[:0])
+    return window(samples, tiles, first, last, bins)
 
 
 def _level(samples: Samples, tiles: Samples, width: int) -> tuple[int, Samples]:

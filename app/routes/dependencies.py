@@ -18,6 +18,7 @@ from app.flights.sources.live import SequenceConflict
 from app.flights.transport import NotPossible, TransportError
 from app.http.problems import ErrorAnswers, Problem
 from app.jobs.jobs import Jobs, NotRunning, QueueFull
+from app.recordings.archives import ArchiveError
 from app.recordings.recordings import Recordings
 from app.recordings.scored import ScoredRecordings
 from app.settings import Settings
@@ -208,6 +209,7 @@ SignedBy = Annotated[str, Depends(_signed)]
 
 
 REFUSALS: ErrorAnswers = {
+    ArchiveError: (409, "archive"),
     CampaignChanged: (409, "campaign"),
     CampaignError: (409, "campaign"),
     FlightInProgress: (409, "under-way"),

@@ -287,8 +287,8 @@ def read_tiles(
     """An interval of a scoring in bins, computed from stored tiles."""
     info: ScoringInfo = scored.store.scorings.info(recording_id, scoring_id)
     window = (info.start if start is None else start, info.end if end is None else end)
-    dictionary = scored.recordings.dictionary_of(info.monitor_id)
-    return json_response(tiled(info, dictionary, *scored.window(info, *window, bins)))
+    keys = scored.recordings.dictionary_of(info.monitor_id).keys
+    return json_response(tiled(info.dt, keys, *scored.window(info, *window, bins)))
 
 
 @router.get("/scorings/{scoring_id}/comparison")

@@ -1,6 +1,6 @@
 /**
  * The page: one address for each view (#/ is the start page, #/demonstration, #/fly, #/fly/{flight},
- * #/recordings/{id}, #/monitors/{id}, #/datasets/{id}, #/campaigns/{id}, #/limits/{id}, #/sets/{id}, #/storage,
+ * #/recordings/{id}, #/archives/{id}, #/monitors/{id}, #/datasets/{id}, #/campaigns/{id}, #/limits/{id}, #/sets/{id}, #/storage,
  * #/people), its theme.
  *
  * A view's module exports show(element, {id, query, api, navigate}) -> {close()}. `query` holds the part
@@ -21,6 +21,7 @@ const VIEWS = {
   fly: { title: "Fly", guide: "first-live-flight", load: () => import("./fly/index.js") },
   campaigns: { title: "Campaigns", guide: "campaigns", load: () => import("./campaigns/index.js") },
   recordings: { title: "Recordings", guide: "first-recording", load: () => import("./recordings/index.js") },
+  archives: { title: "Archives", guide: "first-recording", load: () => import("./recordings/archives.js") },
   monitors: { title: "Monitors", guide: "first-monitor", load: () => import("./monitors/index.js") },
   limits: { title: "Limit sets", guide: "limit-sets", load: () => import("./limits/index.js") },
   sets: { title: "Monitor sets", guide: "limit-sets", load: () => import("./sets/index.js") },

@@ -2,7 +2,7 @@
  * A list of which the server sends the newest entries: a search box, and a button that shows more of it.
  *
  * createLongList({api, path, search, step, show}) -> {box, more, load()}
- *     path   "/recordings", or with a query of its own; entries are searched by its parameter `text`
+ *     path   "/recordings", or with a query of its own, or a function that gives it; entries are searched by its parameter `text`
  *     search    label of the box;   step    entries to begin with, and how many more each time
  *     show(entries, text)    called at each answer, with what was searched for
  * load() -> Promise    ask again; rejects with an ApiError
@@ -24,7 +24,8 @@ export function createLongList({ api, path, search, step, show }) {
 
   async function load() {
     const query = new URLSearchParams({ limit, ...(input.value.trim() && { text: input.value.trim() }) });
-    const address = `${path}${path.includes("?") ? "&" : "?"}${query}`;
+    const place = typeof path === "function" ? path() : path;
+    const address = `${place}${place.includes("?") ? "&" : "?"}${query}`;
     asked = address;
     const entries = await api.get(address);
     if (asked !== address) return; // another text was typed meanwhile

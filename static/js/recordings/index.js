@@ -35,7 +35,7 @@ function showRecordings(element, { api, navigate }) {
     const list = createLongList({ api, path: "/recordings", search: "Search recordings", step: LISTED, show });
     await list.load();
     const zone = keep(createDropZone({ aircraft, formats, done: arrived }));
-    return pageOf("Recordings", [list.box, link("Storage", "#/storage")], zone.element, shown, list.more);
+    return pageOf("Recordings", [list.box, link("Archives", "#/archives"), link("Storage", "#/storage")], zone.element, shown, list.more);
 
     function show(recordings, text) {
       aircraft = aircraftOf(recordings);

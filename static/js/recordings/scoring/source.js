@@ -12,13 +12,17 @@ export function readScoring(api, recording, id) {
   return api.get(`/recordings/${encodeURIComponent(recording)}/scorings/${encodeURIComponent(id)}`);
 }
 
-export function scoringSource(api, { recording, id, start, end, dt }, offset = 0) {
-  const path = `/recordings/${recording}/scorings/${id}/tiles`;
+export function scoringSource(api, scoring, offset = 0) {
+  return tileSource(api, `/recordings/${scoring.recording}/scorings/${scoring.id}/tiles?`, scoring, offset);
+}
+
+/** path: of the tiles, with a query that goes on */
+export function tileSource(api, path, { start, end, dt }, offset = 0) {
   return {
     start: start - offset,
     end: Math.max(end, start + dt) - offset,
     dt,
     offset,
-    load: (from, to, bins) => api.get(`${path}?start=${from}&end=${to}&bins=${Math.min(bins, MOST_BINS)}`),
+    load: (from, to, bins) => api.get(`${path}start=${from}&end=${to}&bins=${Math.min(bins, MOST_BINS)}`),
   };
 }

@@ -1,0 +1,96 @@
+/** A flight of an archive as one monitor scored it: strips, events, verdicts and notes, from the archive's own samples. */
+
+import { createRecordingChart } from "../charts/recorded/recording_chart.js";
+import { setZero } from "../lib/clock.js";
+import { empty, formatted, guideLink, h, link, loadingView, pageOf, panel, recipeList, sentences } from "../lib/dom.js";
+import { createEventList } from "../lib/event_list.js";
+import { bytesText, count, figure, moment } from "../lib/numbers.js";
+import { eventsOf, exceededIn, flagsOf, laneOf, limitsInForceOf, manoeuvresOf } from "./scoring/events.js";
+import { tileSource } from "./scoring/source.js";
+import { createVerdictTable } from "./scoring/verdict_table.js";
+import { alertRule, NO_CLOCK, outcomeChip, outsideChip, trimText } from "./words.js";
+
+export function showArchivedFlight(element, { id, query, api }) {
+  const base = `/archives/${id}/flights/${encodeURIComponent(query.get("flight"))}`;
+  const monitor = query.get("monitor") ? `monitor=${encodeURIComponent(query.get("monitor"))}` : "";
+  return loadingView(element, { title: "Archived flight", text: "Opening the flight", loads: [`${base}?${monitor}`], build });
+
+  function build({ keep }, flight) {
+    setZero(flight.time_zero, NO_CLOCK);
+    const { manoeuvres } = flight;
+    const events = eventsOf(flight);
+    const host = h("div.scored-chart");
+    const list = h("section.event-panel", { "aria-label": "Events" });
+    const log = createEventList(list, {
+      go: (t) => visit(events.find((event) => event.t === t) ?? { t }),
+      label: "Events in order of time",
+      most: Infinity,
+    });
+    for (const event of [...events].reverse()) log.add(event);
+    const verdicts = createVerdictTable(flight, { show: visitManoeuvre });
+    const chart = createRecordingChart(host, {
+      exceeded: exceededIn(flight),
+      channels: flight.channels,
+      sources: [{ ...tileSource(api, `${base}/tiles?${monitor}&`, flight), manoeuvres: manoeuvresOf(flight) }],
+      alertAbove: flight.alert_above,
+      held: limitsInForceOf(flight),
+      flags: flagsOf(flight),
+      label: `${flight.flight} as ${flight.monitor} assessed it`,
+      chosen: ({ t, manoeuvre }) => (manoeuvre === undefined ? visit({ t }) : visitManoeuvre(manoeuvre)),
+      went: visit,
+    });
+    keep({ close: chart.destroy });
+    chart.setEvents(events);
+    chart.setLane(laneOf(manoeuvres));
+    const others = flight.monitors.filter((name) => name !== flight.monitor);
+    return pageOf(
+      flight.flight,
+      [link("Archive", `#/archives/${id}`), ...others.map((name) => link(`By ${name}`, `#/archives/${id}?${new URLSearchParams({ flight: flight.id, monitor: name })}`))],
+      summary(flight),
+      h("div.scored", h("div.stack-tight", host, chart.cross), h("div.scored-side", list)),
+      panel(
+        ["Outcome of each manoeuvre ", guideLink("what-the-numbers-mean#after-the-flight", "outcomes after the flight")],
+        manoeuvres.length ? verdicts.element : empty("No manoeuvre", "No manoeuvre was detected."),
+        { beside: h("span.dim", formatted(`values are ${trimText(flight)}`)), "aria-label": "Verdicts" },
+      ),
+      panel("How it was scored", [recipeList(factsOf(flight)), sentences([...flight.notes, ...(flight.quality?.sentences ?? [])])]),
+    );
+
+    function visit({ t, manoeuvre: number = null }) {
+      const { start, end } = chart.window.view();
+      if (number !== null && (t < start || t > end)) visitManoeuvre(number);
+      chart.setCursor(t);
+    }
+
+    function visitManoeuvre(k) {
+      const { start, end } = manoeuvres[k];
+      const margin = 0.08 * (end - start);
+      chart.show(start - margin, end + margin);
+      verdicts.choose(k);
+    }
+  }
+}
+
+function summary(flight) {
+  const counts = Map.groupBy(flight.manoeuvres, ({ verdict }) => verdict.word);
+  const fact = (words, ...content) => h("span", h("span.dim", words), content);
+  return h(
+    "div.row.scored-summary",
+    [...counts.values()].map(({ length: n, 0: first }) => outcomeChip(first, n)),
+    outsideChip(flight),
+    fact("Monitor ", flight.monitor),
+    h("span", formatted(alertRule(flight))),
+    fact("warning lead time ", `${figure(flight.lead)} s`),
+    fact("channels are ", formatted(trimText(flight))),
+  );
+}
+
+function factsOf(flight) {
+  return [
+    ["File, SHA-256", flight.digest, true],
+    ["File size", bytesText(flight.size)],
+    ["Monitor, SHA-256", flight.monitor_digest, true],
+    ["Scored", `${moment(flight.created)} by Forewarn ${flight.version}`],
+    ["Samples", `${count(flight.n_samples)}, every ${figure(flight.dt)} s`],
+  ];
+}
