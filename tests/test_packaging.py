@@ -61,7 +61,7 @@ def imported() -> set[str]:
 
 
 def test_what_is_imported_is_declared_and_what_is_declared_is_imported():
-    extras = "ulog", "mdf", "tdms", "mcap", "ch10", "fmu", "jsbsim", "dask", "mqtt"
+    extras = "ulog", "mdf", "tdms", "mcap", "ch10", "fmu", "jsbsim", "dask", "mqtt", "archive"
     assert declared(*extras) - set(NEVER_IMPORTED) == imported()
 
 

@@ -2,8 +2,10 @@
 
 import argparse
 import os
+import re
 import sys
 from dataclasses import asdict
+from pathlib import Path
 
 from app.commands.options.option import add_output, add_scheduler, option
 from app.commands.options.scoring import add_scoring_options, request_of
@@ -17,8 +19,10 @@ def add(parser: argparse.ArgumentParser) -> None:
     add_scoring_options(
         parser,
         "file SOURCE",
-        "folder of recordings; those in its folders too",
+        "folder of recordings, those in its folders too; or a URL that fsspec opens, such as "
+        "s3://bucket/folder",
         "of all recordings; the name of the first folder if absent",
+        str,
     )
     option(parser, "--workers N", "processes; one for each core if absent", type=int)
     add_output(parser, "DIR", "folder of the results, which are continued if there are any")
@@ -30,17 +34,24 @@ def run(options: argparse.Namespace) -> int:
     """Returns 1 where no recording could be scored."""
     from app.jobs.cluster import executor_at  # slow to import
     from app.recordings.archive import ArchiveRequest, score_archive
+    from app.recordings.remote_files import is_url
 
     if options.out is None:
         raise ValueError("no folder for the results is given: give --out DIR")
+    if re.match(r"[a-z][a-z0-9+]+:/", str(options.out)):
+        raise ValueError(
+            f"--out {options.out} is a URL: give a folder, to copy there afterwards"
+        )
     workers = os.cpu_count() or 1 if options.workers is None else options.workers
     if workers < 1:
         raise ValueError(f"workers={workers}: give 1 or more")
     aircraft, options.aircraft = options.aircraft, None
+    url = options.file if is_url(options.file) else ""
+    options.file = Path() if url else Path(options.file)
     request, _ = request_of(options)
     try:
         with executor_at(options.scheduler) as executor, progress_bar("recordings") as show:
-            archive = ArchiveRequest(request, options.out, aircraft, workers)
+            archive = ArchiveRequest(request, options.out, aircraft, workers, url)
             done = score_archive(archive, show, executor)
     except KeyboardInterrupt:
         print("forewarn: interrupted; the same command continues", file=sys.stderr)

@@ -19,7 +19,7 @@ import signal
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, as_completed
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from functools import cache
@@ -34,6 +34,7 @@ from app import json_codec
 from app.messages import limited_channels
 from app.recordings.exports import EXPORTS, ExportColumn, columns
 from app.recordings.files import digest_of
+from app.recordings.remote_files import RemoteFile, remote_files
 from app.recordings.scored import scoring_fields
 from app.recordings.scored_file import Scored, ScoreRequest, labels, load_monitors, score_file
 from app.store.tables import now
@@ -47,6 +48,8 @@ from core.whole_file import whole_file, write_whole
 ID_LETTERS = 16
 UNKNOWN = "__HIVE_DEFAULT_PARTITION__"
 """Name of a partition without a value."""
+LOCAL = ("file", "local")
+"""Protocols of URLs of this machine's folders."""
 FIRST_DATE = 1e8
 """Times of samples above this are seconds since 1970 [s]."""
 MONTH = re.compile(
@@ -87,15 +90,20 @@ ABOUT = b"forewarn"
 
 @dataclass(frozen=True)
 class ArchiveRequest:
-    """score: the file is the folder of the recordings.   aircraft: None: the first folder's name.
+    """score: the file is the folder of the recordings, unless `url` gives them.
 
-    workers: processes that score at once.
+    aircraft: None: the first folder's name.   workers: processes that score at once.
     """
 
     score: ScoreRequest
     out: Path
     aircraft: str | None = None
     workers: int = 1
+    url: str = ""
+
+    @property
+    def source(self) -> str:
+        return self.url or str(self.score.file)
 
     def absolute(self) -> "ArchiveRequest":
         """The same with absolute paths, for other processes and machines."""
@@ -120,11 +128,25 @@ class Archived:
 
 @dataclass(frozen=True)
 class ArchiveFile:
-    """A file to score.   record: where its result is stored."""
+    """A file to score.   record: where its result is stored.   path: of a remote file, its copy."""
 
     path: Path
     flight: str
     record: Path
+    remote: RemoteFile | None = None
+
+    @property
+    def size(self) -> int:
+        return self.remote.size if self.remote else self.path.stat().st_size
+
+    @contextmanager
+    def at_hand(self) -> Iterator["ArchiveFile"]:
+        """The same on this machine; a copy of a remote file is deleted afterwards. OSError."""
+        if self.remote is None:
+            yield self
+            return
+        with self.remote.fetched() as path:
+            yield replace(self, path=path)
 
 
 class ArchiveScorer:
@@ -172,21 +194,23 @@ class ArchiveScorer:
             }
             for name, (monitor, path, epsilon) in zip(self._names, pairs, strict=True)
         ]
-        source = str(score.file)
+        source = self._request.source
         return {"scored": now(), "version": __version__, "source": source, "monitors": monitors}
 
     def __call__(self, file: ArchiveFile) -> dict[str, Any]:
         """The record of a flight, stored unless it is unchanged. OSError if it cannot be stored."""
+        stamp = file.remote.stamp if file.remote else ""
+        before = read_record(file.record)
+        if stamp and stamp == before.get("stamp") and before["key"] == self._key(before["digest"]):
+            return before | {"is_unchanged": True}
         try:
-            if not file.path.is_file():
-                raise ValueError(_no_file(file.path))
-            content = digest_of(file.path)
-            key = hashlib.sha256(json_codec.encode({**self._about, "file": content})).hexdigest()
-            before = read_record(file.record)
-            if before.get("key") == key:
-                return before | {"is_unchanged": True}
-            request = replace(self._request.score, file=file.path)
-            scored = score_file(request, monitors=self._monitors)
+            with file.at_hand() as file:
+                content = _checked(file)
+                if before.get("key") == self._key(content):
+                    return before | {"is_unchanged": True}
+                request = replace(self._request.score, file=file.path)
+                scored = score_file(request, monitors=self._monitors)
+                size = file.path.stat().st_size
         except Exception as error:  # whatever is wrong with one file, the others are scored
             file.record.unlink(missing_ok=True)
             return {"flight": file.flight, "error": _reason(error, file)}
@@ -194,8 +218,8 @@ class ArchiveScorer:
             self._stored(file, each, name)
             for each, name in zip(scored.scored, self._names, strict=True)
         ]
-        record = {"flight": file.flight, "key": key, "digest": content, "scorings": rows}
-        record["size"] = file.path.stat().st_size
+        record = {"flight": file.flight, "key": self._key(content), "digest": content}
+        record |= {"scorings": rows, "size": size, "stamp": stamp}
         mapping = scored.mapping.to_plain()
         details = {
             "mapping": mapping,
@@ -205,6 +229,10 @@ class ArchiveScorer:
         }
         write_whole(file.record, json_codec.encode(record | details))
         return record
+
+    def _key(self, content: str) -> str:
+        """What determines a result: it is made again where it differs.   content: SHA-256."""
+        return hashlib.sha256(json_codec.encode({**self._about, "file": content})).hexdigest()
 
     def _details(self, scored: Scored) -> dict[str, Any]:
         details = scoring_fields(scored.recording, scored.monitor, {})
@@ -300,13 +328,13 @@ def score_archive(
     scorer = ArchiveScorer(request)
     files = list(_files(request))
     if not files:
-        raise ValueError(f"{request.score.file} holds no files: give a folder of recordings")
+        raise ValueError(f"{request.source} holds no files: give a folder of recordings")
     records = request.out / "flights"
     stored = set(records.glob("*.json"))
     present = {file.record for file in files}
     if stored and not stored & present:
         raise ValueError(
-            f"{request.out} holds the results of other recordings than {request.score.file}: give "
+            f"{request.out} holds the results of other recordings than {request.source}: give "
             "another --out"
         )
     records.mkdir(parents=True, exist_ok=True)
@@ -336,15 +364,21 @@ def score_archive(
 
 
 def _files(request: ArchiveRequest) -> Iterator[ArchiveFile]:
-    root, out = request.score.file, request.out.resolve()
-    if not root.is_dir():
+    root, out = _folder(request), request.out.resolve()
+    if root is not None and not root.is_dir():
         raise ValueError(f"{root} is not a folder: give the folder of the recordings")
-    if out == root.resolve() or root.resolve() in out.parents:
+    if root is not None and (out == root.resolve() or root.resolve() in out.parents):
         raise ValueError(
             f"the results in {request.out} would lie among the recordings: give another --out"
         )
     if request.out.exists() and not request.out.is_dir():
         raise ValueError(f"{request.out} is a file: give a folder for the results")
+    if request.url:
+        for remote in remote_files(request.url):
+            record = request.out / "flights" / f"{record_id(remote.name)}.json"
+            yield ArchiveFile(Path(remote.name), remote.name, record, remote)
+        return
+    assert root is not None
     for path in sorted(root.rglob("*")):
         inside = path.relative_to(root)
         if any(part.startswith(".") for part in inside.parts) or out in path.resolve().parents:
@@ -354,9 +388,22 @@ def _files(request: ArchiveRequest) -> Iterator[ArchiveFile]:
             yield ArchiveFile(path, flight, request.out / "flights" / f"{record_id(flight)}.json")
 
 
+def _folder(request: ArchiveRequest) -> Path | None:
+    """The folder of the recordings; None where it is not on this machine."""
+    system, _, place = request.url.partition("://")
+    return request.score.file if not place else Path(place) if system in LOCAL else None
+
+
 def record_id(flight: str) -> str:
     """ID of a flight, of its path in the source."""
     return hashlib.sha256(flight.encode()).hexdigest()[:ID_LETTERS]
+
+
+def _checked(file: ArchiveFile) -> str:
+    """SHA-256 of the content. ValueError for what is no file; OSError."""
+    if not file.path.is_file():
+        raise ValueError(_no_file(file.path))
+    return digest_of(file.path)
 
 
 def _no_file(path: Path) -> str:
@@ -372,12 +419,12 @@ def _copies(files: list[ArchiveFile]) -> dict[str, str]:
     """Flights whose files equal that of another flight: the first one with this content."""
     by_size, first = defaultdict[int, list[ArchiveFile]](list), dict[str, str]()
     for file in files:
-        if file.path.is_file():
-            by_size[file.path.stat().st_size].append(file)
+        if file.remote or file.path.is_file():
+            by_size[file.size].append(file)
     copies = {}
     for file in (file for equal in by_size.values() if len(equal) > 1 for file in equal):
         with suppress(OSError):  # it is named when it is scored
-            content = digest_of(file.path)
+            content = file.remote.digest() if file.remote else digest_of(file.path)
             if first.setdefault(content, file.flight) != file.flight:
                 copies[file.flight] = first[content]
     return copies

@@ -22,10 +22,11 @@ def add_scoring_options(
     file: str = "file FILE",
     text: str = "telemetry in any known format",
     aircraft: str = "use its stored mapping; a given mapping is stored for it",
+    kind: type = Path,
 ) -> None:
-    """file, text: name and help of what is scored.   aircraft: what naming one does."""
+    """file, text, kind: name, help and type of what is scored.   aircraft: what naming one does."""
     option(parser, "monitors MONITOR", "monitor files", type=Path, nargs="+")
-    option(parser, file, text, type=Path)
+    option(parser, file, text, type=kind)
     option(
         parser,
         "--epsilon E[,E...]",

@@ -6,7 +6,8 @@ import json
 import os
 import pickle
 import shutil
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
@@ -260,3 +261,62 @@ def test_links_and_pipes_that_are_no_recordings_are_listed(
     assert "nowhere.csv, which does not exist" in told["failed"]["lost.csv"]
     assert told["scored"] == 3
     assert {row["flight"] for row in tables(tmp_path / "out")[1]} >= {*told["failed"]}
+
+
+@pytest.fixture
+def remote(source: Path) -> Iterator[str]:
+    """The same recordings in a file system without a folder on this machine."""
+    import fsspec
+
+    memory: Any = fsspec.filesystem("memory")
+    memory.put(f"{source}/", "/range/", recursive=True)
+    yield "memory://range"
+    memory.rm("/range", recursive=True)
+
+
+def test_recordings_at_a_url_give_the_tables_of_a_folder_and_are_fetched_once(
+    remote: str, tmp_path: Path, scored: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import fsspec
+
+    scored()
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(temporary))
+    call = ["score-archive", str(MONITOR_FILE), remote, "--out", str(tmp_path / "there")]
+    assert main([*call, "--workers", "1"]) == 0
+    assert tables(tmp_path / "there") == tables(tmp_path / "out")
+    assert not [*temporary.iterdir()]
+    memory: Any = fsspec.filesystem("memory")
+    fetched, get_file = [], type(memory).get_file
+
+    def counted(self: Any, path: str, *more: Any) -> None:
+        fetched.append(path)
+        get_file(self, path, *more)
+
+    monkeypatch.setattr(type(memory), "get_file", counted)
+    content = memory.cat_file("/range/D-FLY/two.csv")
+    memory.pipe_file("/range/PH-LAB/20240601.csv", content + b"\n")
+    assert main([*call, "--workers", "1"]) == 0
+    assert {*fetched} == {"/range/PH-LAB/20240601.csv", "/range/bad.csv"}
+
+
+@pytest.mark.fuzz
+def test_two_processes_fetch_from_a_url(source: Path, tmp_path: Path, scored: Any) -> None:
+    scored()
+    call = ["score-archive", str(MONITOR_FILE), f"file://{source}", "--workers", "2"]
+    assert main([*call, "--out", str(tmp_path / "two")]) == 0
+    assert tables(tmp_path / "two") == tables(tmp_path / "out")
+
+
+def test_a_url_that_no_file_system_opens_is_refused_with_the_reason(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    call = ["score-archive", str(MONITOR_FILE), "nowhere://range", "--out", str(tmp_path / "out")]
+    assert main(call) == 1
+    assert "nowhere" in capsys.readouterr().err
+    among = tmp_path / "results"
+    for source, out in ((f"file://{tmp_path}", str(among)), (str(tmp_path), "memory://results")):
+        assert main(["score-archive", str(MONITOR_FILE), source, "--out", out]) == 1
+        assert "results" in capsys.readouterr().err
+    assert not among.exists()
