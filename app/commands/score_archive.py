@@ -39,9 +39,7 @@ def run(options: argparse.Namespace) -> int:
     if options.out is None:
         raise ValueError("no folder for the results is given: give --out DIR")
     if re.match(r"[a-z][a-z0-9+]+:/", str(options.out)):
-        raise ValueError(
-            f"--out {options.out} is a URL: give a folder, to copy there afterwards"
-        )
+        raise ValueError(f"--out {options.out} is a URL: give a folder, to copy there afterwards")
     workers = os.cpu_count() or 1 if options.workers is None else options.workers
     if workers < 1:
         raise ValueError(f"workers={workers}: give 1 or more")

@@ -222,7 +222,7 @@ class ScoredArchive:
                 f"{self.folder} holds no results of `forewarn score-archive`: give the folder of "
                 "its --out"
             )
-        return f"{self.folder} cannot be read: {error.strerror}"
+        return f"{self.folder} cannot be read: {error.strerror or error}"
 
     def _again(self, flight: str) -> str:
         return f"{flight} is being scored again, or was: {SCORE_AGAIN}"
