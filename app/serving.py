@@ -3,10 +3,12 @@
 import asyncio
 import gc
 import logging
+import os
 import socket
 import sys
+import threading
 from collections.abc import Awaitable, Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -36,6 +38,10 @@ COLLECTED = 20_000, 50, 10
 THREAD_TURN_S = 0.001
 """Longest time that a computing thread delays the event loop [s]. The interpreter's default is five
 times as long, and a sample would wait for it at each wake-up of the loop."""
+PRIORITY = 1
+"""Of real-time programs, the lowest."""
+LIVE_THREADS = "journal", "recorder"
+"""Beginnings of the names of the threads that write what is flown."""
 LOOK_EVERY_S = 0.2
 """[s] How often a server that shares a database asks whether it is the owner's turn."""
 NO_OWNER_S = 10.0
@@ -81,6 +87,8 @@ class Server(uvicorn.Server):
             raise
         finally:
             log.disabled = False
+        if self.started and self.app.state.settings.real_time:
+            self._first = asyncio.create_task(keep_live_threads_first())
         if self.started and self.opened is not None:
             await self.opened(self.app)
 
@@ -138,36 +146,63 @@ def serve(
 
     listening: a socket from `listen`; it is closed at the end.
     A server that shares its database relays to its owner until it is the owner itself.
-    SettingsError if the address or the data directory is in use, StoreError if the database cannot
-    be used: before anything listens.
+    SettingsError if the address or the data directory is in use or real-time scheduling is not
+    allowed, StoreError if the database cannot be used: before anything listens.
     """
-    with ExitStack() as held:
+    with ExitStack() as held, suppress(KeyboardInterrupt):  # then all has stopped cleanly
+        if settings.real_time:
+            go_first()
         if settings.shared is None:
             held.enter_context(alone(settings))
         else:
             listening = listening or listen(settings)
             held.callback(listening.close)
-            try:
-                with asyncio.Runner(loop_factory=_loop_factory()) as runner:
-                    held.push(runner.run(until_owner(settings, listening)))
-            except KeyboardInterrupt:
-                return
+            with asyncio.Runner(loop_factory=_loop_factory()) as runner:
+                held.push(runner.run(until_owner(settings, listening)))
         held.enter_context(published(settings))
         open_store(settings.url).close()
         listening = listening or listen(settings)
+        held.callback(listening.close)
         url = address_of(listening, settings)
         server = Server(create_app(settings), lambda app: opened(app, url))
         gc.collect()
         gc.freeze()  # no sample waits for a collection of what is loaded
         gc.set_threshold(*COLLECTED)
         sys.setswitchinterval(THREAD_TURN_S)
-        try:
-            with asyncio.Runner(loop_factory=_loop_factory()) as runner:
-                runner.run(server.serve(sockets=[listening]))
-        except KeyboardInterrupt:  # the server has stopped cleanly by then
-            return
-        finally:
-            listening.close()
+        with asyncio.Runner(loop_factory=_loop_factory()) as runner:
+            runner.run(server.serve(sockets=[listening]))
+
+
+def go_first(thread: int = 0) -> None:
+    """Run a thread, by default this one, before other programs; what it starts does not.
+
+    thread: number that the system gives it.   SettingsError where the system does not allow it.
+    """
+    try:
+        policy = os.SCHED_RR | os.SCHED_RESET_ON_FORK
+        os.sched_setscheduler(thread, policy, os.sched_param(PRIORITY))
+    except ProcessLookupError:  # it has ended
+        return
+    except (AttributeError, OSError) as error:
+        raise SettingsError(
+            f"real-time scheduling is not allowed here ({error}): allow it, on Linux by systemd's "
+            "LimitRTPRIO=1 or the capability SYS_NICE, or start without --real-time"
+        ) from error
+
+
+async def keep_live_threads_first() -> None:
+    """Run the threads that write samples before other programs, too; never returns.
+
+    The event loop would wait for one that is stopped while it holds the interpreter.
+    """
+    first: set[int] = set()
+    while True:
+        for thread in threading.enumerate():
+            number = thread.native_id
+            if number is not None and number not in first and thread.name.startswith(LIVE_THREADS):
+                go_first(number)
+                first.add(number)
+        await asyncio.sleep(LOOK_EVERY_S)
 
 
 @contextmanager

@@ -61,6 +61,7 @@ class Settings:
     scheduler: str | None = None
     shared: str | None = None
     archives: tuple[str, ...] = ()
+    real_time: bool = False
 
     def __post_init__(self) -> None:
         if self.token is not None and len(self.token) < SHORTEST_TOKEN:
@@ -148,6 +149,10 @@ def _parse(variable: str, name: str, text: str) -> Any:
         return Path(text).expanduser()
     if kind == tuple[str, ...]:
         return tuple(part.strip() for part in text.split(",") if part.strip())
+    if kind is bool:
+        if text not in ("0", "1"):
+            raise SettingsError(f"{variable}={text!r}: give 0 or 1")
+        return text == "1"
     if kind not in (int, float):
         return text
     try:

@@ -30,6 +30,13 @@ def add(parser: argparse.ArgumentParser) -> None:
         "results of `forewarn score-archive` that the page shows; may be repeated",
         action="append",
     )
+    option(
+        parser,
+        "--real-time",
+        "live samples before every other program of this machine; the system must allow it (Linux)",
+        action="store_true",
+        default=None,
+    )
 
 
 def add_server(parser: argparse.ArgumentParser) -> None:
@@ -53,6 +60,7 @@ def settings_of(options: argparse.Namespace) -> Settings:
         scheduler=options.scheduler,
         shared=getattr(options, "shared", None),
         archives=tuple(getattr(options, "archive", None) or ()) or None,
+        real_time=getattr(options, "real_time", None),
     )
 
 

@@ -73,6 +73,20 @@ def test_a_refusal_is_one_line(tmp_path, capsys):
     assert "choose another port with --port" in capsys.readouterr().err
 
 
+def test_real_time_scheduling_that_the_system_refuses_is_said_in_one_line(
+    tmp_path, monkeypatch, capsys
+):
+    def refuse(*_: object) -> None:
+        raise PermissionError("Operation not permitted")
+
+    monkeypatch.setattr(serving.os, "sched_setscheduler", refuse)
+    options = "--data-dir", str(tmp_path), "--port", "0"
+    assert main(["serve", *options, "--real-time"]) == 1
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "not allowed here (Operation not permitted): allow it, on Linux by systemd's" in said
+
+
 def test_the_socket_gives_up_on_watchers_that_do_not_read(tmp_path):
     settings = Settings(data_dir=tmp_path, port=0)
     listening = listen(settings)

@@ -59,9 +59,9 @@ class Server:
 
 
 @contextmanager
-def serving(directory: Path, dt: float) -> Iterator[Server]:
+def serving(directory: Path, dt: float, *options: str) -> Iterator[Server]:
     monitor = kept_monitor(directory, dt)
-    with launched(directory, "--port", "0") as process:
+    with launched(directory, "--port", "0", *options) as process:
         assert process.stdout is not None
         line = process.stdout.readline()
         address = next(word for word in line.split() if word.startswith("http"))

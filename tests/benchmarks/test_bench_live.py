@@ -2,12 +2,14 @@
 
 import json
 import os
+import shutil
 import socket
 import subprocess
 import sys
 import threading
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -32,13 +34,17 @@ def start(server: Server, n: int, **source: Any) -> list[str]:
     return ids
 
 
-def flown(server: Server, flights: list[str], each: int, hz: float) -> dict[str, Any]:
+def flown(
+    server: Server, flights: list[str], each: int, hz: float, *wrapped: str
+) -> dict[str, Any]:
     """Push at hz into every flight and watch each; latencies from when a sample was due.
+
+    wrapped: a command that runs the sources and screens.
 
     cpu_us: of the server for a sample and all its frames.   cores: that it used meanwhile.
     memory_mb: second by second.
     """
-    load = [sys.executable, "-m", "tests.benchmarks.live_load", server.address]
+    load = [*wrapped, sys.executable, "-m", "tests.benchmarks.live_load", server.address]
     load += [*map(str, (SECONDS, hz, each)), *flights]
     began, began_cpu, memory_mb = time.monotonic(), server.cpu_s, []
     with subprocess.Popen(load, stdout=subprocess.PIPE, text=True) as process:
@@ -89,6 +95,35 @@ def test_no_sample_is_lost(
     report(f"{n} live flights at {hz:g} Hz, {each} watchers each", run)
     assert run["sent"] == run["acknowledged"] == sum(counts)
     assert run["refused"] == run["missing"] == 0
+
+
+@contextmanager
+def busy(n: int) -> Iterator[None]:
+    """Beside n programs that use all the processor time they get."""
+    programs = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(n)]
+    try:
+        yield
+    finally:
+        for program in programs:
+            program.kill()
+            program.wait()
+
+
+@pytest.mark.parametrize("options", [(), ("--real-time",)], ids=["usual", "real time"])
+def test_fifty_flights_on_a_busy_machine(
+    options: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Sources and screens are other machines': they run before all else, as the server may."""
+    if shutil.which("chrt") is None:
+        pytest.skip("chrt is not installed")
+    monkeypatch.setenv("FOREWARN_MAX_FLIGHTS", "50")
+    with serving(tmp_path, 0.02, *options) as server:
+        flights = start(server, 50)
+        with busy(4 * (os.cpu_count() or 1)):
+            run = flown(server, flights, 4, 50.0, "chrt", "-r", "1")
+    report(f"50 live flights beside four programs for each core, options {options}", run)
+    assert run["sent"] == run["acknowledged"]
+    assert run["missing"] == 0
 
 
 def flood(address: str, stop: threading.Event, sent: list[int]) -> None:

@@ -1,6 +1,7 @@
 """Live flights under faults: acknowledged samples persist, and the flight continues."""
 
 import json
+import os
 import random
 import signal
 import threading
@@ -144,6 +145,31 @@ def test_acknowledged_samples_persist_after_a_kill(tmp_path: Path, flyable: Moni
 @pytest.mark.fuzz
 def test_acknowledged_samples_persist_after_many_kills(tmp_path: Path, flyable: Monitor) -> None:
     kill_so_often(tmp_path, flyable, N_LONG)
+
+
+@pytest.mark.skipif(not hasattr(os, "SCHED_RR"), reason="only Linux has this scheduling")
+def test_what_a_sample_passes_runs_before_other_programs(tmp_path: Path, flyable: Monitor) -> None:
+    monitor = keep_monitor(tmp_path, flyable)
+    try:
+        before = os.sched_getscheduler(0)
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
+        os.sched_setscheduler(0, before, os.sched_param(0))
+    except PermissionError:
+        pytest.skip("real-time scheduling is not allowed here")
+
+    with running(tmp_path, real_time=True) as (process, client):
+        threads = Path(f"/proc/{process.pid}/task")
+
+        def first() -> list[str]:
+            ours = os.SCHED_RR | os.SCHED_RESET_ON_FORK
+            numbers = (each.name for each in threads.iterdir())
+            return [each for each in numbers if os.sched_getscheduler(int(each)) == ours]
+
+        assert first() == [str(process.pid)]
+        path = f"{FLIGHTS}/{start(client, monitor)}"
+        assert client.post(f"{path}/samples", json=batch(0, flyable.dt)).status_code == 200
+        until(lambda: len(first()) == 3)  # with journal and recorder
+        assert len([*threads.iterdir()]) > 3
 
 
 def test_on_a_full_disk_samples_are_shown_but_not_acknowledged_until_there_is_space(

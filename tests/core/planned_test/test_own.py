@@ -283,7 +283,9 @@ def test_what_cannot_be_used_is_refused_in_one_sentence(own: Any, told: str):
 def test_labels_tell_without_limits_and_are_asked_for_without_either():
     flights = evaluation_flights(small_test(Labelled(), None), 9)
     assert flights.fail_index.tolist() == [40, N_SAMPLES, N_SAMPLES] * 3
-    with pytest.raises(ValueError, match="neither fail_index nor limits"):
+    with pytest.raises(
+        ValueError, match=r"no limit tells which flights .* fail, and they have no fail_index"
+    ):
         evaluation_flights(small_test(thing, None), 9)
 
 
