@@ -36,7 +36,8 @@ POSTGRESQL = "postgresql+psycopg"
 WRITES = "writes"
 """Execution option of connections that will write."""
 
-SQLITE_HEADER = b"SQLite format 3\0"
+SMALLEST_DATABASE = 512
+"""[bytes] Of SQLite."""
 CORRUPT = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_CORRUPT_INDEX, sqlite3.SQLITE_NOTADB)
 BUSY_TIMEOUT_MS = 30_000
 POOL = {"pool_size": 8, "max_overflow": 24}
@@ -194,23 +195,23 @@ def make_directory(url: URL) -> None:
 def read_only_engine(url: URL) -> Engine | None:
     """Engine that cannot write; None if the database does not exist yet.
 
-    StoreError for other files: SQLite would treat a short one as empty and overwrite it.
+    StoreError for a short file of another kind, which SQLite would treat as empty and overwrite; it
+    refuses others itself.
     """
     if not is_sqlite(url):
         return make_engine(url)
     path = Path(str(url.database))
     try:
-        with path.open("rb") as file:
-            start = file.read(len(SQLITE_HEADER))
+        size = path.stat().st_size  # opening the file here would end the locks of this process
     except FileNotFoundError:
         return None
     except OSError as error:
         raise StoreError(
             f"{path} cannot be read ({error.strerror}): choose a Forewarn database, or a new file"
         ) from error
-    if not start and not path.with_name(f"{path.name}-wal").exists():
+    if not size and not path.with_name(f"{path.name}-wal").exists():
         return None
-    if start and start != SQLITE_HEADER:
+    if 0 < size < SMALLEST_DATABASE:
         raise StoreError(
             f"{path} cannot be read (it is not a database): choose a Forewarn database, or a "
             "new file"

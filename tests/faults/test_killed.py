@@ -3,6 +3,8 @@
 import json
 import random
 import signal
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +14,13 @@ from websockets.sync.client import connect
 from app.settings import Settings
 from app.store.store import open_store
 from core.monitor import Monitor
+from tests.app.routes.test_limit_sets import SLOW
 from tests.faults.conftest import keep_monitor
 from tests.faults.server import running
 from tests.support.patience import PATIENCE
 
 N_KILLS, N_LONG = 2, 10
+FOREWARN = sys.executable, "-c", "from app.cli import main; raise SystemExit(main())"
 MOST_ALARMS = 4
 
 
@@ -82,3 +86,27 @@ def test_no_shown_alarm_is_missing_after_a_kill(tmp_path: Path, flyable: Monitor
 @pytest.mark.fuzz
 def test_no_shown_alarm_is_missing_after_many_kills(tmp_path: Path, flyable: Monitor) -> None:
     kill_so_often(tmp_path, flyable, N_LONG)
+
+
+def test_what_a_command_reads_beside_the_server_deletes_nothing_that_it_writes_later(
+    tmp_path: Path,
+) -> None:
+    """Another process must see the server's locks: else it deletes the write-ahead log."""
+    with running(tmp_path):  # the next start compares the database with this one's
+        pass
+    with running(tmp_path) as (process, client):
+        assert (
+            subprocess.run([*FOREWARN, "audit", "--data-dir", tmp_path], check=False).returncode
+            == 0
+        )
+        assert (tmp_path / "forewarn.db-wal").exists()
+        made = client.post("/api/v1/limit-sets", json={"name": "doublets", "cases": [SLOW]})
+        assert made.status_code == 201, made.text
+        process.kill()
+        process.join()
+    store = open_store(Settings(data_dir=tmp_path).url)
+    try:
+        assert [limit_set.name for limit_set in store.limit_sets.all()] == ["doublets"]
+        assert store.last_stop.finding() == ""
+    finally:
+        store.close()
