@@ -2,6 +2,7 @@
 
 import asyncio
 import gc
+import json
 import logging
 import os
 import socket
@@ -12,6 +13,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import uvicorn
 from fastapi import FastAPI
@@ -23,7 +25,10 @@ from app.main import create_app
 from app.settings import Settings, SettingsError
 from app.store.database import StoreError, address
 from app.store.ownership import FileHold, Taken, owned
+from app.store.people import digest_of
 from app.store.store import open_store
+from core import __version__
+from core.whole_file import write_whole
 
 UNANSWERED_MS = 5_000
 """A connection is dropped if its peer does not answer for this time."""
@@ -87,10 +92,22 @@ class Server(uvicorn.Server):
             raise
         finally:
             log.disabled = False
+        if self.started and (address := self.app.state.settings.shared) is not None:
+            await self._warn_if_unreachable(address)
         if self.started and self.app.state.settings.real_time:
             self._first = asyncio.create_task(keep_live_threads_first())
         if self.started and self.opened is not None:
             await self.opened(self.app)
+
+    async def _warn_if_unreachable(self, address: str) -> None:
+        parts = urlsplit(address)
+        try:
+            reaching = asyncio.open_connection(parts.hostname, parts.port)
+            _, writer = await asyncio.wait_for(reaching, PATIENCE)
+            writer.close()
+        except OSError as error:
+            reason = str(error) or "no answer"
+            LOG.warning("%s, of --shared, cannot be reached (%s): check it", address, reason)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Stop. Clients that have not read their answer after PATIENCE are dropped."""
@@ -232,12 +249,29 @@ def owner_file(settings: Settings) -> Path:
 
 
 def owner_of(settings: Settings) -> str:
-    """Address of the owner; empty if nobody owns the database, or not for others."""
+    """Address of the owner; empty if nobody owns the database, or not for others.
+
+    SettingsError if this server would admit other people than the owner.
+    """
     try:
-        owner = owner_file(settings).read_text()
-    except OSError:
+        owner = json.loads(owner_file(settings).read_text())
+    except (OSError, ValueError):
         return ""
-    return "" if owner == settings.shared else owner  # left by this one, when it was killed
+    address, about = owner.pop("address"), about_access(settings)
+    if address == settings.shared:  # left by this one, when it was killed
+        return ""
+    if different := [name for name, value in about.items() if owner.get(name) != value]:
+        raise SettingsError(
+            f"{address}, which owns the database, has another {' and '.join(different)} than this "
+            "server: start all that share it with the same"
+        )
+    return address
+
+
+def about_access(settings: Settings) -> dict[str, Any]:
+    """What is the same in all servers of a database, as a take-over must change nothing."""
+    token = None if settings.token is None else digest_of(settings.token)
+    return {"token": token, "version": __version__, "allowed hosts": [*settings.allowed_hosts]}
 
 
 @contextmanager
@@ -246,9 +280,8 @@ def published(settings: Settings) -> Iterator[None]:
     place = owner_file(settings)
     place.unlink(missing_ok=True)  # of one that was killed
     if settings.shared is not None:
-        new = place.with_suffix(".new")
-        new.write_text(settings.shared)
-        new.replace(place)
+        text = json.dumps({"address": settings.shared} | about_access(settings))
+        write_whole(place, text.encode())
     try:
         yield
     finally:
@@ -258,27 +291,28 @@ def published(settings: Settings) -> Iterator[None]:
 async def until_owner(settings: Settings, listening: socket.socket) -> ExitStack:
     """Relay connections to the owner of the database until it has ended; what this one holds then.
 
-    SettingsError if the owner shares with nobody.
+    SettingsError if the owner shares with nobody, or admits other people.
     """
-    relaying = asyncio.create_task(Relay(listening, partial(owner_of, settings)).run())
+    owner, last, held, unknown_s = "", "", ExitStack(), 0.0
+    relaying = asyncio.create_task(Relay(listening, lambda: owner).run())
     try:
-        owner, held, unknown_s = "", ExitStack(), 0.0
         while True:
             try:
                 await asyncio.to_thread(held.enter_context, alone(settings))
             except SettingsError as error:
                 if not isinstance(error.__cause__, Taken):
                     raise
-                unknown_s = 0.0 if (now := owner_of(settings)) else unknown_s + LOOK_EVERY_S
+                now = owner_of(settings)
+                unknown_s = 0.0 if now else unknown_s + LOOK_EVERY_S
                 if unknown_s > NO_OWNER_S:
-                    raise SettingsError(f"{error}, or start that one with --shared") from error
+                    raise
             else:
-                if owner:
-                    LOG.warning("%s has ended: this server owns the database now", owner)
+                if last:
+                    LOG.warning("%s has ended: %s owns the database now", last, settings.shared)
                 return held
-            if now and now != owner:
-                LOG.warning("standing by: %s owns the database", now)
-                owner = now
+            if now not in ("", last):
+                LOG.warning("%s stands by: %s owns the database", settings.shared, now)
+            owner, last = now, now or last
             await asyncio.sleep(LOOK_EVERY_S)
     finally:
         relaying.cancel()

@@ -11,10 +11,10 @@ from dataclasses import dataclass, field, fields
 from ipaddress import ip_address, ip_network
 from pathlib import Path
 from typing import Any, get_type_hints
-from urllib.parse import urlsplit
 
 PREFIX = "FOREWARN_"
 SHORTEST_TOKEN = 16
+SHARED = re.compile(r"http://[^/?#@\s:]+:\d{1,5}|http://\[[0-9A-Fa-f:.]+\]:\d{1,5}")
 ORIGIN = re.compile(r"https?://(\[[0-9a-f:.]+\]|[0-9a-z._-]+)(:[0-9]{1,5})?")
 
 
@@ -93,10 +93,10 @@ class Settings:
                 f"host {self.host} can be reached from other machines: set FOREWARN_TOKEN, or "
                 "listen on 127.0.0.1"
             )
-        if self.shared is not None and urlsplit(self.shared).hostname is None:
+        if self.shared is not None and not SHARED.fullmatch(self.shared):
             raise SettingsError(
                 f"shared={self.shared!r}: give the address at which the other servers reach this "
-                "one, such as http://range-1:8000"
+                "one, with its port, such as http://range-1:8000"
             )
         if not 0 <= self.port <= 65535:
             raise SettingsError(f"port={self.port}: give a number between 0 and 65535")

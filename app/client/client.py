@@ -11,8 +11,10 @@ and nothing counts twice. Leaving the context ends the flight.
 
 import asyncio
 import random
+import secrets
 import socket
 import threading
+import time
 from collections.abc import Mapping
 from contextlib import suppress
 from types import TracebackType
@@ -39,6 +41,8 @@ START_S = 180.0
 """Longest start of a flight: the server's first one compiles kernels."""
 PATIENCE_S = 60.0
 """Longest wait for acknowledgements when leaving, since the last one."""
+REPEATED_S = 10.0
+"""A request whose connection breaks is repeated for so long [s]."""
 WRONG = frozenset({400, 401, 403, 404, 409, 410})
 """Answers after which a repetition is useless."""
 UNREADABLE = frozenset({413, 422})
@@ -392,14 +396,26 @@ class LiveClient:
             raise _Retry(reason)
 
     def _ask(self, method: str, path: str, body: Any = None, within_s: float = REQUEST_S) -> Any:
-        """The answer to a request. PushFailed; OSError if the server does not answer."""
-        try:
-            with httpx2.Client(**self._options) as http:
-                answer = http.request(method, path, json=body, timeout=within_s)
-        except httpx2.HTTPError as error:
-            raise ConnectionError(
-                f"{self.url} does not answer ({error}): is the server running?"
-            ) from error
+        """The answer to a request. PushFailed; OSError if the server does not answer.
+
+        A request whose connection breaks is repeated: another server may take over.
+        """
+        end, key = time.monotonic() + REPEATED_S, {"Idempotency-Key": secrets.token_hex(16)}
+        while True:
+            try:
+                with httpx2.Client(**self._options) as http:
+                    headers = key if method == "POST" and body is not None else None
+                    answer = http.request(
+                        method, path, json=body, timeout=within_s, headers=headers
+                    )
+                break
+            except httpx2.HTTPError as error:
+                is_broken = isinstance(error, httpx2.RemoteProtocolError | httpx2.ReadError)
+                if not is_broken or time.monotonic() > end:
+                    raise ConnectionError(
+                        f"{self.url} does not answer ({error}): is the server running?"
+                    ) from error
+            time.sleep(FIRST_WAIT_S)
         if answer.status_code in WRONG | UNREADABLE:
             raise PushFailed(_detail(answer))
         if not answer.is_success:

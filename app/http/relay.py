@@ -4,14 +4,26 @@ import asyncio
 import socket
 from collections.abc import Callable
 from contextlib import suppress
+from math import inf
 from typing import Any
 from urllib.parse import urlsplit
+
+from app.http.problems import Problem, problem_response
 
 BUFFER = 32_768
 """Bytes that each link holds for a side that does not read; more would be minutes old."""
 ANSWERS_S = 2.0
 """A server that does not accept a connection within this time is not there [s]."""
+HELD_S = 5.0
+"""Connections wait for the server so long, then they are refused [s]."""
 AGAIN_S = 0.1
+
+
+def _refusal() -> bytes:
+    text = "the server that owns the database does not answer: try again"
+    answer = problem_response(Problem(503, text, "urn:forewarn:owner"), {"Connection": "close"})
+    head = "".join(f"{name}: {value}\r\n" for name, value in answer.headers.items())
+    return f"HTTP/1.1 503 Service Unavailable\r\n{head}\r\n".encode() + bytes(answer.body)
 
 
 class _Side(asyncio.Protocol):
@@ -63,7 +75,7 @@ class Relay:
     """Accepts connections of a listening socket while the other server accepts them.
 
     server: address of the other server; empty while it is unknown. Connections that come meanwhile
-    wait in the socket's backlog, for whoever accepts next.
+    wait in the socket's backlog for whoever accepts next, at most HELD_S.
     """
 
     def __init__(self, listening: socket.socket, server: Callable[[], str]) -> None:
@@ -72,17 +84,28 @@ class Relay:
 
     async def run(self) -> None:
         """Until cancelled; the connections end with it."""
+        loop, silent_since = asyncio.get_running_loop(), inf
         try:
             while True:
                 await _readable(self._listening)
                 try:
                     await self._relay_one()
+                    silent_since = inf
                 except OSError:  # nobody answers there
+                    silent_since = min(silent_since, loop.time())
+                    if loop.time() - silent_since > HELD_S:
+                        self._refuse_one()
                     await asyncio.sleep(AGAIN_S)
         finally:
             for side in [*self._sides]:
                 if side.transport is not None:
                     side.transport.abort()
+
+    def _refuse_one(self) -> None:
+        with suppress(OSError), self._listening.accept()[0] as client:  # unless it has left
+            client.setblocking(False)
+            client.send(_refusal())
+            client.shutdown(socket.SHUT_WR)
 
     async def _relay_one(self) -> None:
         loop, parts = asyncio.get_running_loop(), urlsplit(self._server())

@@ -112,7 +112,10 @@ class SessionHold:
 
 
 def _taken(place: str, option: str) -> Taken:
-    return Taken(f"another forewarn serves {place}: stop it, or choose another one with {option}")
+    return Taken(
+        f"another forewarn serves {place}: stop it, choose other data with {option}, or start both "
+        "with --shared"
+    )
 
 
 class Ownership:

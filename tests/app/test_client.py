@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import httpx2
 import pytest
@@ -167,3 +167,25 @@ def test_a_token_of_a_viewer_may_not_push(tmp_path: Path) -> None:
         with pytest.raises(PushFailed, match="operator"):
             watching.flush()
         watching.close()
+
+
+def test_a_start_whose_answer_is_lost_is_repeated_and_makes_one_flight(
+    server: LiveServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    request, asked = httpx2.Client.request, []
+
+    def lose_first(client: httpx2.Client, method: str, *rest: Any, **more: Any) -> httpx2.Response:
+        answer = request(client, method, *rest, **more)
+        asked.append(method)
+        if len(asked) == 1:
+            raise httpx2.RemoteProtocolError("Server disconnected")
+        return answer
+
+    flights = f"{server.url}/api/v1/flights"
+    before = {flight["id"] for flight in httpx2.get(flights).json()}
+    monkeypatch.setattr(httpx2.Client, "request", lose_first)
+    with LiveClient(server.url) as client:
+        flight = client.start(server.monitor_id, trim="none")
+    monkeypatch.undo()
+    assert asked[:2] == ["POST", "POST"]
+    assert {each["id"] for each in httpx2.get(flights).json()} - before == {flight}

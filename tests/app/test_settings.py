@@ -38,7 +38,10 @@ def test_an_address_of_this_machine_needs_none(host):
         ({"FOREWARN_PORTS": "8000"}, "FOREWARN_PORTS is not a setting: choose FOREWARN_DATA_DIR"),
         ({"FOREWARN_PORT": "70000"}, "port=70000"),
         ({"FOREWARN_REAL_TIME": "yes"}, "FOREWARN_REAL_TIME='yes': give 0 or 1"),
-        ({"FOREWARN_SHARED": "range-1"}, "shared='range-1': give the address at which"),
+        *(
+            ({"FOREWARN_SHARED": wrong}, f"shared='{wrong}': give the address at which")
+            for wrong in ("range-1", "ftp://x:1", "http://x", "http://x:1/a", "https://x:1")
+        ),
         ({"FOREWARN_TOKEN": "short"}, "at least 16"),
         ({"FOREWARN_TOKEN": "a token with é in it"}, "ASCII"),
         ({"FOREWARN_ALLOWED_ORIGINS": "*"}, "allowed_origins has '\\*': give scheme, host"),

@@ -1,5 +1,6 @@
 """Several servers on one database: one owns the flights, the others relay and take over."""
 
+import asyncio
 import json
 import random
 import re
@@ -9,6 +10,7 @@ import ssl
 import subprocess
 from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -17,13 +19,15 @@ import pytest
 from websockets.sync.client import connect
 
 from app import serving
+from app.http import relay
 from app.main import STATIC
-from app.serving import alone, serve
+from app.serving import alone, listen, published, serve
 from app.settings import Settings, SettingsError
 from core.monitor import Monitor
 from tests.faults.conftest import keep_monitor
 from tests.faults.server import Running, answers, reserved_port, sharing
 from tests.faults.test_live_flights import FLIGHTS, assert_kept, batch, push_until_broken, start
+from tests.support.api import problem
 from tests.support.patience import PATIENCE, until
 from tests.support.postgresql import PostgreSQL
 
@@ -41,7 +45,8 @@ def test_a_second_server_relays_to_the_owner(
 ) -> None:
     monitor = keep_monitor(tmp_path, flyable)
     with sharing(tmp_path, ports[0]) as (_, owner), sharing(tmp_path, ports[1]) as (_, other):
-        assert (tmp_path / "forewarn.owner").read_text() == str(owner.base_url).rstrip("/")
+        published = json.loads((tmp_path / "forewarn.owner").read_text())
+        assert published["address"] == str(owner.base_url).rstrip("/")
         flight = start(other, monitor)
         stream = f"ws://127.0.0.1:{ports[1]}{FLIGHTS}/{flight}/stream"
         with connect(stream, proxy=None) as screen:
@@ -161,17 +166,50 @@ def test_behind_nginx_the_flight_goes_on_when_the_owner_ends(
         assert (sent.status_code, sent.json()["repeated"]) == (200, True)
 
 
+async def refuse(*_: object) -> None:
+    raise AssertionError("it serves")
+
+
 def test_a_server_is_refused_where_the_owner_shares_with_nobody(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(serving, "NO_OWNER_S", 0.0)
     shared = Settings(data_dir=tmp_path, port=0, shared="http://127.0.0.1:8000")
-
-    async def opened(*_: object) -> None:
-        raise AssertionError("it serves")
-
     with (
         alone(Settings(data_dir=tmp_path)),
-        pytest.raises(SettingsError, match="or start that one with --shared"),
+        pytest.raises(SettingsError, match="or start both with --shared"),
     ):
-        serve(shared, opened)
+        serve(shared, refuse)
+
+
+def test_a_server_that_would_admit_others_than_the_owner_is_refused(tmp_path: Path) -> None:
+    one = Settings(data_dir=tmp_path, port=0, shared="http://127.0.0.1:8001")
+    other = replace(one, shared="http://127.0.0.1:8002", token="of sixteen letters")
+    with (
+        alone(one),
+        published(one),
+        pytest.raises(SettingsError, match="8001, which owns the database, has another token"),
+    ):
+        serve(other, refuse)
+
+
+def test_who_relays_to_nobody_says_so_in_the_answer(
+    tmp_path: Path, ports: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(relay, "HELD_S", 0.1)
+    listening = listen(Settings(data_dir=tmp_path, port=ports[0]))
+
+    async def ask() -> httpx2.Response:
+        relaying = asyncio.create_task(
+            relay.Relay(listening, lambda: f"http://127.0.0.1:{ports[1]}").run()
+        )
+        async with httpx2.AsyncClient(trust_env=False, timeout=PATIENCE) as client:
+            answer = await client.get(f"http://127.0.0.1:{ports[0]}/healthz")
+        relaying.cancel()
+        return answer
+
+    try:
+        refused = problem(asyncio.run(ask()), 503)
+    finally:
+        listening.close()
+    assert refused == "the server that owns the database does not answer: try again"

@@ -20,7 +20,7 @@ def test_work_is_interrupted_only_when_its_owner_is_gone(url: str, tmp_path: Pat
         with pytest.raises(Taken, match="another forewarn serves"), store.owned():
             pass
         apart = Settings(data_dir=tmp_path / "apart", database_url=url)
-        with pytest.raises(SettingsError, match="choose another one with --database-url"):
+        with pytest.raises(SettingsError, match="choose other data with --database-url"):
             alone(apart).__enter__()
         server.kill()
         server.join()
