@@ -45,6 +45,7 @@ OPTIONS = ("-h", "--help", "--version")
 OF_COMMANDS = ("--json",)
 """Options of commands, often given without one."""
 INVALID = re.compile(r"invalid (\w+) value: (.*)")
+INTO = re.compile(r"one of the arguments (--flight .*) is required")
 FIELD = re.compile(r"(?<![\w.'])[a-z]+(?:_[a-z]+)+(?!\w|\.\w|')")
 """Name of a field, not within a path or quotes."""
 NUMBERS = {
@@ -112,6 +113,11 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         message = INVALID.sub(lambda match: f"{match[2]} was given: {NUMBERS[match[1]]}", message)
+        message = INTO.sub(
+            r"give one of \1 with an id: it ends the address of a page (Fly, "
+            r"Monitors), and is in GET /flights and GET /monitors",
+            message,
+        )
         print(f"forewarn: {message.removeprefix('argument ')}", file=sys.stderr)
         raise SystemExit(MISTYPED)
 

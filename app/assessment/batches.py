@@ -283,8 +283,10 @@ class ChannelReader:
         mapped = self._time.name if self._time else None
         name = mapped or next(filter(values.__contains__, TIMES), TIMES[0])
         given = values.get(name)
+        if not values:
+            raise TelemetryError(f"the batch is empty: send {name!r} in s, and each channel")
         if not given:
-            sent = ", ".join([*values][:20]) or "nothing"
+            sent = ", ".join([*values][:20])
             raise TelemetryError(f"the batch has no time {name!r}, only {sent}: add it, in s")
         if self._time is None or self._time.is_plain:
             times = _numbers(values, name, len(given))

@@ -46,6 +46,7 @@ SHOWN = ("state", "reason", "cause", "status", "level", "beside", "exceeded_t", 
 """Of the stream's messages, in the state."""
 STALE = {"state": "stale", "status": "stale", "level": "caution"}
 GONE = "the bridge between Forewarn and the broker is gone"
+WITHOUT_RETAINED = SubscribeOptions(1, retainHandling=SubscribeOptions.RETAIN_DO_NOT_SEND)
 TAKEN_OVER = ReasonCode(PacketTypes.DISCONNECT, "Session taken over")
 
 
@@ -66,6 +67,73 @@ class Broker:
 
     def __str__(self) -> str:
         return f"{'mqtts' if self.tls else 'mqtt'}://{self.host}:{self.port}"
+
+    def client(self, name: str) -> Client:
+        """Not connected yet; knows how to log in."""
+        mqtt = Client(
+            CallbackAPIVersion.VERSION2, name, protocol=MQTTProtocolVersion.MQTTv5, manual_ack=True
+        )
+        if self.tls is not None:
+            mqtt.tls_set_context(self.tls)
+        if self.user is not None:
+            mqtt.username_pw_set(self.user, self.password)
+        return mqtt
+
+    def connect(self, mqtt: Client, answered: threading.Event, **about: Any) -> None:
+        """Connect in the background, and wait until `answered` is set. ConnectionError."""
+        try:
+            mqtt.connect(self.host, self.port, KEEPALIVE_S, **about)
+        except (OSError, ValueError) as error:
+            raise ConnectionError(
+                f"{self} does not answer ({error}): {self._what_to_do(error)}"
+            ) from None
+        mqtt.loop_start()
+        if not answered.wait(CONNECT_S):
+            raise ConnectionError(
+                f"{self} does not answer within {CONNECT_S:g} s: is it an MQTT 5 broker, "
+                "with TLS only if the address begins with mqtts?"
+            )
+
+    def _what_to_do(self, error: Exception) -> str:
+        if isinstance(error, ssl.SSLCertVerificationError):
+            return "give the PEM file that certifies it by --ca"
+        if self.tls is not None:
+            return "is the broker running, with TLS on this port? Without TLS give mqtt://"
+        return "is the broker running?"
+
+    def refuses_login(self, reason: ReasonCode) -> str:
+        return f"{self} refuses the connection ({reason}): check user and password"
+
+    def refuses_topics(self, topic: str, reasons: list[ReasonCode]) -> str:
+        """Empty if it does not."""
+        refusal = next((reason for reason in reasons if reason.is_failure), None)
+        return f"{self} refuses to subscribe below {topic} ({refusal})" if refusal else ""
+
+
+def try_broker(broker: Broker, topic: str) -> None:
+    """Log in and subscribe below `topic` once, beside any other bridge. ConnectionError."""
+    mqtt, refusals = broker.client(f"forewarn-{topic}-{uuid4().hex}"), list[str]()
+    answered = threading.Event()
+
+    def on_connect(_: Any, __: Any, ___: Any, reason: ReasonCode, ____: Any) -> None:
+        if reason.is_failure:
+            refusals.append(broker.refuses_login(reason))
+            answered.set()
+        else:
+            mqtt.subscribe([(f"{topic}/{name}", WITHOUT_RETAINED) for name in ("state", "samples")])
+
+    def on_subscribe(_: Any, __: Any, ___: Any, reasons: list[ReasonCode], ____: Any) -> None:
+        refusals.append(broker.refuses_topics(topic, reasons))
+        answered.set()
+
+    mqtt.on_connect, mqtt.on_subscribe = on_connect, on_subscribe
+    try:
+        broker.connect(mqtt, answered)
+    finally:
+        mqtt.disconnect()
+        mqtt.loop_stop()
+    if refusals[0]:
+        raise ConnectionError(refusals[0])
 
 
 class _State(msgspec.Struct):
@@ -137,16 +205,7 @@ class MqttBridge:
     # --- the broker ---------------------------------------------------------------------------
 
     def _paho(self) -> Client:
-        mqtt = Client(
-            CallbackAPIVersion.VERSION2,
-            f"forewarn-{self.topic}",
-            protocol=MQTTProtocolVersion.MQTTv5,
-            manual_ack=True,
-        )
-        if self.broker.tls is not None:
-            mqtt.tls_set_context(self.broker.tls)
-        if self.broker.user is not None:
-            mqtt.username_pw_set(self.broker.user, self.broker.password)
+        mqtt = self.broker.client(f"forewarn-{self.topic}")
         mqtt.reconnect_delay_set(RECONNECT_S, RECONNECT_S)
         mqtt.on_connect, mqtt.on_disconnect = self._on_connect, self._on_disconnect
         mqtt.on_subscribe, mqtt.on_publish = self._on_subscribe, self._on_publish
@@ -160,19 +219,7 @@ class MqttBridge:
         about = Properties(PacketTypes.CONNECT)
         about.SessionExpiryInterval = self.broker.keep
         about.ReceiveMaximum = MOST_UNACKNOWLEDGED
-        host, port = self.broker.host, self.broker.port
-        try:
-            self._mqtt.connect(host, port, KEEPALIVE_S, clean_start=False, properties=about)
-        except (OSError, ValueError) as error:
-            raise ConnectionError(
-                f"{self.broker} does not answer ({error}): is the broker running?"
-            ) from None
-        self._mqtt.loop_start()
-        if not self._answered.wait(CONNECT_S):
-            raise ConnectionError(
-                f"{self.broker} does not answer within {CONNECT_S:g} s: is it an MQTT 5 broker, "
-                "with TLS only if the address begins with mqtts?"
-            )
+        self.broker.connect(self._mqtt, self._answered, clean_start=False, properties=about)
         if self._refusal:
             raise ConnectionError(self._refusal)
 
@@ -189,19 +236,18 @@ class MqttBridge:
 
     def _on_connect(self, _: Any, __: Any, ___: Any, reason: ReasonCode, ____: Any) -> None:
         if reason.is_failure:
-            self._fail(f"{self.broker} refuses the connection ({reason}): check user and password")
+            self._fail(self.broker.refuses_login(reason))
             return
         topics = [(f"{self.topic}/state", SubscribeOptions(0))]
         if self._is_live:
-            options = SubscribeOptions(1, retainHandling=SubscribeOptions.RETAIN_DO_NOT_SEND)
-            topics.append((f"{self.topic}/samples", options))
+            topics.append((f"{self.topic}/samples", WITHOUT_RETAINED))
         self._mqtt.subscribe(topics)
 
     def _on_subscribe(
         self, _: Any, __: Any, ___: Any, reasons: list[ReasonCode], ____: Any
     ) -> None:
-        if refusal := next((reason for reason in reasons if reason.is_failure), None):
-            self._fail(f"{self.broker} refuses to subscribe below {self.topic} ({refusal})")
+        if refusal := self.broker.refuses_topics(self.topic, reasons):
+            self._fail(refusal)
             return
         self._answered.set()
         self._loop.call_soon_threadsafe(self._online.set)

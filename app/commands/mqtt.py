@@ -13,6 +13,7 @@ from urllib.parse import urlsplit
 
 from app.commands.options.option import option
 from app.commands.push import TOKEN, add_flight, declared_of, start_flight
+from core.conditions import ConditionKey
 
 if TYPE_CHECKING:  # slow to import, and not needed for help
     from app.client import LiveClient
@@ -21,6 +22,8 @@ if TYPE_CHECKING:  # slow to import, and not needed for help
 PASSWORD = "FOREWARN_MQTT_PASSWORD"
 PORTS = {"mqtt": 1883, "mqtts": 8883}
 LOCAL = ("127.0.0.1", "::1", "localhost")
+LONGEST_KEPT_S = 2**32 - 1
+"""The longest time of MQTT: without end."""
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -52,10 +55,13 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Connect until the flight has ended. Returns 0 then."""
     broker, topic = broker_of(options), topic_of(options.prefix, options.source)
-    from app.client.mqtt_bridge import MqttBridge  # slow to import, not needed for help
+    from app.client.mqtt_bridge import MqttBridge, try_broker  # slow to import, not needed for help
 
+    declared = declared_of(options)
+    if options.flight is None:
+        try_broker(broker, topic)  # a wrong broker starts no flight
     bridge = MqttBridge(broker, topic, options.server, os.environ.get(TOKEN), say)
-    join_or_start(bridge.client, options)
+    join_or_start(bridge.client, options, declared)
     say(f"{broker} {topic}/samples into {bridge.client.address}")
     say(asyncio.run(bridge.run()))
     return 0
@@ -65,10 +71,11 @@ def say(text: str) -> None:
     print(f"forewarn: {text}", file=sys.stderr, flush=True)
 
 
-def join_or_start(client: LiveClient, options: argparse.Namespace) -> None:
+def join_or_start(
+    client: LiveClient, options: argparse.Namespace, declared: dict[ConditionKey, float]
+) -> None:
     """Join the given flight, or the one in progress of this name and monitor, or start it."""
-    name, declared = options.name or options.source, declared_of(options)
-    flight = options.flight
+    name, flight = options.name or options.source, options.flight
     if flight is None:
         wanted = options.monitor_set or options.monitor
         flights = (
@@ -117,9 +124,11 @@ def broker_of(options: argparse.Namespace) -> Broker:
             f"--broker holds a login, which others of this machine can read: give --user, and the "
             f"password by {PASSWORD} or --password-file"
         )
+    if not 0 <= options.keep <= LONGEST_KEPT_S:
+        raise ValueError(f"--keep {options.keep}: give 0 to {LONGEST_KEPT_S} s (without end)")
     password = os.environ.get(PASSWORD)
     if options.password_file is not None:
-        password = options.password_file.read_text(encoding="utf-8").rstrip("\r\n")
+        password = _password(options.password_file)
     if password and options.user is None:
         raise ValueError("a password of the broker needs its user: give --user")
     tls = None
@@ -133,6 +142,17 @@ def broker_of(options: argparse.Namespace) -> Broker:
 
     about = options.user, password, tls, options.keep
     return Broker(url.hostname, port or PORTS[url.scheme], *about)
+
+
+def _password(file: Path) -> str:
+    try:
+        return file.read_text(encoding="utf-8").rstrip("\r\n")
+    except (OSError, UnicodeDecodeError) as error:
+        why = error.strerror if isinstance(error, OSError) else "it is no UTF-8 text"
+        raise ValueError(
+            f"--password-file {file}: {why}: give a file that this command can read, with nothing "
+            "but the password"
+        ) from None
 
 
 def _tls(options: argparse.Namespace) -> ssl.SSLContext:

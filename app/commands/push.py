@@ -58,8 +58,13 @@ def add(parser: argparse.ArgumentParser) -> None:
 def add_flight(parser: argparse.ArgumentParser) -> None:
     """Options of a flight in progress, or of one to start."""
     into = parser.add_mutually_exclusive_group(required=True)
-    option(into, "--flight ID", "flight in progress")
-    option(into, "--monitor ID", "start a live flight with this monitor")
+    option(into, "--flight ID", "flight in progress; its id ends the address of its page")
+    option(
+        into,
+        "--monitor ID",
+        "start a live flight with this monitor; its id ends the address of its page (Monitors), "
+        "and is in GET /monitors",
+    )
     option(into, "--monitor-set ID", "start a live flight with this monitor set")
     option(parser, "--server URL", "default: %(default)s", default="http://127.0.0.1:8000")
     option(parser, "--name NAME", "of the started flight")

@@ -31,7 +31,7 @@ export function show(element, { api, navigate }) {
     }),
     job({
       title: "Connect a live source",
-      text: "Send telemetry over HTTP, WebSocket or UDP and get a risk for each sample.",
+      text: "Send telemetry over HTTP, WebSocket, UDP or MQTT and get a risk for each sample.",
       action: ["Set up a live flight", connect, needs("POST /flights")],
     }),
     job({

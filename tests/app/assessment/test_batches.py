@@ -118,3 +118,9 @@ def test_what_is_no_number_is_refused_of_one_sample_too(value: str) -> None:
 def test_an_empty_batch_is_called_empty(content: str | bytes) -> None:
     with pytest.raises(TelemetryError, match="the batch is empty: send an object"):
         decode_batch(content)
+
+
+@pytest.mark.parametrize("content", ["{}", '{"sequence": 3}'])
+def test_a_batch_without_values_is_called_empty_and_what_to_send_is_named(content: str) -> None:
+    with pytest.raises(TelemetryError, match="the batch is empty: send 't' in s"):
+        ChannelReader().samples(decode_batch(content))

@@ -42,6 +42,9 @@ def sample(k: int) -> dict[str, float]:
         (["--broker", "mqtts://host", "--ca", "ca.pem"], "ca.pem is no file"),
         (["--password-file", __file__], "--user"),
         (["--condition", "mach=0.6"], "--monitor-set"),
+        (["--keep", "-5"], "--keep -5: give 0 to 4294967295 s"),
+        (["--keep", "4294967296"], "give 0 to 4294967295 s"),
+        (["--password-file", "missing"], "--password-file missing: No such file"),
     ],
 )
 def test_wrong_options_are_refused_before_anything_is_connected(
@@ -279,6 +282,12 @@ def with_certificate(folder: Path) -> str:
     return f"allow_anonymous true\nkeyfile {key}\ncertfile {certificate}"
 
 
+def in_progress(server: LiveServer, name: str) -> list[str]:
+    """The flights of a name."""
+    flights = httpx2.get(f"{server.url}/api/v1/flights?progress=running").json()
+    return [flight["id"] for flight in flights if flight["name"] == name]
+
+
 def failed(made: subprocess.Popen[str]) -> str:
     """What a command printed that has ended with an error."""
     assert made.wait(PATIENCE) == 1
@@ -290,10 +299,11 @@ def failed(made: subprocess.Popen[str]) -> str:
 def test_a_password_comes_from_the_environment_or_a_file(server: LiveServer, tmp_path: Path):
     file = tmp_path / "password"
     file.write_text("secret\n")
-    into = "--monitor", server.monitor_id, "--user", "ann"
+    into = "--monitor", server.monitor_id, "--user", "ann", "--name", "login"
     with mosquitto.running(with_password) as broker:
         with bridge(broker, server.url, *into, FOREWARN_MQTT_PASSWORD="nonsense") as made:
             assert "check user and password" in failed(made)
+        assert in_progress(server, "login") == []
         far = Range(broker, TOPIC, username="ann", password="secret")
         with bridge(broker, server.url, *into, FOREWARN_MQTT_PASSWORD="secret"):
             far.state(progress="running")
@@ -319,7 +329,7 @@ def test_a_broker_is_reached_by_tls_only_if_its_certificate_is_known(server: Liv
     with mosquitto.running(with_certificate) as broker:
         broker.url = broker.url.replace("mqtt", "mqtts")
         with bridge(broker, server.url, *into) as made:
-            assert "certificate" in failed(made)
+            assert "by --ca" in failed(made)
         known = str(broker.directory / "certificate.pem")
         with bridge(broker, server.url, *into, "--ca", known):
             far = Range(broker, TOPIC, ca=known)
@@ -327,10 +337,35 @@ def test_a_broker_is_reached_by_tls_only_if_its_certificate_is_known(server: Liv
             far.close()
 
 
-def test_a_broker_that_is_not_there_is_an_error(server: LiveServer, capsys: pytest.CaptureFixture):
-    into = ["--monitor", server.monitor_id, "--broker", "mqtt://127.0.0.1:9"]
+@pytest.mark.services
+def test_tls_on_a_port_without_it_is_an_error_that_names_tls(server: LiveServer, broker: Mosquitto):
+    broker.url = broker.url.replace("mqtt", "mqtts")
+    with bridge(broker, server.url, "--monitor", server.monitor_id) as made:
+        assert "with TLS on this port?" in failed(made)
+
+
+def test_a_broker_that_is_not_there_is_an_error_and_starts_no_flight(
+    server: LiveServer, capsys: pytest.CaptureFixture
+):
+    into = ["--monitor", server.monitor_id, "--broker", "mqtt://127.0.0.1:9", "--name", "nowhere"]
     assert main(["mqtt", "F16", *into, "--server", server.url]) == 1
     assert "is the broker running?" in capsys.readouterr().err
+    assert in_progress(server, "nowhere") == []
+
+
+def test_a_password_file_of_another_kind_is_named(tmp_path: Path, capsys: pytest.CaptureFixture):
+    file = tmp_path / "password"
+    file.write_bytes(b"\xff")
+    assert main(["mqtt", "F16", "--monitor", "m", "--password-file", str(file)]) == 1
+    assert f"--password-file {file}" in capsys.readouterr().err
+
+
+def test_without_a_flight_the_command_says_where_an_id_is(capsys: pytest.CaptureFixture):
+    with pytest.raises(SystemExit):
+        main(["mqtt", "F16"])
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "--monitor" in line
+    assert "GET /monitors" in line
 
 
 def test_without_its_library_the_command_names_the_extra(

@@ -29,6 +29,12 @@ VARIABLES = {each["name"]: each for each in DASHBOARD["templating"]["list"]}
 NAME = re.compile(r"\b(?:forewarn|process)_\w+")
 
 
+def query_of(title: str) -> str:
+    (panel,) = [panel for panel in PANELS if panel["title"] == title]
+    (target,) = panel["targets"]
+    return target["expr"]
+
+
 def exposed(text: str) -> set[str]:
     return set(re.findall(r"^(\w+)(?:{.*})? ", text, re.MULTILINE))
 
@@ -141,15 +147,23 @@ def prometheus(folder: Path, configuration: str) -> Iterator[str]:
 
 
 @pytest.mark.services
-def test_prometheus_reads_with_a_viewers_token_and_answers_every_query(tmp_path: Path):
+def test_prometheus_reads_with_a_viewers_token_and_counts_a_flight_of_two_addresses_once(
+    tmp_path: Path,
+):
     store = open_store(Settings(data_dir=tmp_path).url)
     _, token = store.tokens.add("Prometheus", "viewer", None)
+    _, operator = store.tokens.add("Ann", "operator", None)
     store.close()
     (tmp_path / "forewarn.token").write_text(token)
     (scrape, _) = re.findall(r"```yaml\n(.*?)```", GUIDE, re.DOTALL)
     with live_server(tmp_path) as server:
-        scrape = scrape.replace("127.0.0.1:8000", server.url.removeprefix("http://"))
+        port = server.url.rpartition(":")[2]
+        both = [f"127.0.0.1:{port}", f"localhost:{port}"]  # as a server and one that relays to it
+        scrape = scrape.replace('["127.0.0.1:8000"]', json.dumps(both))
         scrape = scrape.replace("/etc/prometheus", str(tmp_path)).replace("5s", "1s")
+        body = {"source": {"kind": "live"}, "monitor": server.monitor_id}
+        login = {"Authorization": f"Bearer {operator}"}
+        httpx2.post(f"{server.url}/api/v1/flights", json=body, headers=login).raise_for_status()
         with prometheus(tmp_path, scrape) as address:
 
             def answer(query: str) -> list[Any]:
@@ -158,7 +172,12 @@ def test_prometheus_reads_with_a_viewers_token_and_answers_every_query(tmp_path:
                 assert found["status"] == "success", found
                 return found["data"]["result"]
 
-            until(lambda: [x for x in answer('up{job="forewarn"}') if x["value"][1] == "1"])
+            def value(query: str) -> str:
+                return "".join(series["value"][1] for series in answer(query))
+
+            until(lambda: value('count(forewarn_flights{job="forewarn"})') == "2")
+            assert value(query_of("Addresses that answer")) == "2"
+            assert value(query_of("Flights in progress")) == "1"
             for query in QUERIES:
                 if 'status=~"5.."' in query:  # no request fails here
                     assert answer(query) == []
