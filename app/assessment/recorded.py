@@ -56,7 +56,10 @@ class MissingChannels(TelemetryError):
     recorded: keys of TARGETS in the recording.
     """
 
-    def __init__(self, keys: list[str], recorded: Collection[str] = ()) -> None:
+    def __init__(
+        self, keys: list[str], recorded: Collection[str] = (), empty: Collection[Trace] = ()
+    ) -> None:
+        """empty: channels among them that are mapped, but of which no sample has a value."""
         self.keys = tuple(keys)
         ways = [
             f"{way.target} from {' and '.join(way.needs)}"
@@ -64,10 +67,16 @@ class MissingChannels(TelemetryError):
             if way.target in keys and all(key in recorded for key in way.needs)
         ]
         derive = f"derive {', '.join(ways)}, " if ways else ""
+        why = "; ".join(
+            f"{trace.source} has no value"
+            + f", since {trace.why_missing}" * bool(trace.why_missing)
+            for trace in empty
+        )
         super().__init__(
-            f"the monitor needs {', '.join(keys)}, which the recording does not have: map signals "
+            f"the monitor needs {', '.join(keys)}, which the recording does not have"
+            f"{f' ({why})' if why else ''}: map {'other ' if why else ''}signals "
             f"to the missing channels, {derive}or choose a monitor that does not need them or "
-            "train one for these channels (see the recording's training proposal)"
+            "train one for these channels"
         )
 
 
@@ -146,7 +155,9 @@ class RecordedFlight:
         absent = [key for key in dictionary.measured if key not in recorded]
         read = dictionary.sources([dictionary.keys[c] for c in np.flatnonzero(needed)])
         if lacking := [key for key in absent if key in read]:
-            raise MissingChannels(lacking, recorded)
+            mapped = repaired.traces.channels
+            empty = [mapped[key] for key in lacking if key in mapped]
+            raise MissingChannels(lacking, recorded, empty)
         grid = on_grid(repaired, monitor.dt, read, dictionary)
         notes = list(grid.recording.notes)
         timeline = limits_over_time(history, [monitor])

@@ -165,7 +165,10 @@ LONGER = 2.0
 
 
 def rate(assessed: AssessedSegment) -> Check:
-    """Were the needed channels recorded fast enough, and how many samples were assessed?"""
+    """Were the needed channels recorded fast enough, and how many samples were assessed?
+
+    Without an assessed sample `coverage` fails, whatever the rates.
+    """
     t, dt = assessed.assessments.t, assessed.monitor.dt
     repeats = {channel.key: channel.held for channel in assessed.flight.quality.channels}
     steps = {}
@@ -180,24 +183,38 @@ def rate(assessed: AssessedSegment) -> Check:
     n_assessed, n = int(np.isfinite(assessed.assessments.p_value).sum()), len(t)
     text = f"{n_assessed} of {n} samples assessed"
     if not steps:
-        return Check("rate", False, text)
+        return Check("rate", None, text)
     slowest = max(steps, key=lambda key: steps[key])
     rates = f"{slowest} recorded at {1 / steps[slowest]:.4g} Hz, monitor runs at {1 / dt:.4g} Hz"
     fast_enough = True if steps[slowest] <= 1.05 * dt else None
     if (rows := repeats.get(slowest, 1)) > 1:
         rates += f" (each value repeats in {rows} rows)"
         fast_enough = fast_enough if steps[slowest] <= RATE_RATIO * dt else False
-    return Check("rate", fast_enough if n_assessed else False, f"{rates}; {text}")
+    return Check("rate", fast_enough, f"{rates}; {text}")
 
 
 def coverage(assessed: AssessedSegment) -> Check:
     """Were enough samples assessed, up to the first exceedance?"""
     lost = lost_samples(assessed.counted, assessed.monitor.dt).lost
     n_lost, n = int(lost.sum()), len(lost)
+    if not np.isfinite(assessed.assessments.p_value).any():
+        return Check("coverage", False, f"no sample was assessed{_most_missing(assessed)}")
     if n_lost <= (1.0 - ASSESSED_SHARE) * n:
         return Check("coverage", True, f"at least {ASSESSED_SHARE:.0%} of the samples")
     text = f"{n_lost} of {n} samples are missing or were not assessed"
-    return Check("coverage", None, f"{text}; the limit is {1.0 - ASSESSED_SHARE:.0%}")
+    text += f"; the limit is {1.0 - ASSESSED_SHARE:.0%}{_most_missing(assessed)}"
+    return Check("coverage", None, text)
+
+
+def _most_missing(assessed: AssessedSegment) -> str:
+    """The needed channel with the most samples missing, in words; "" if none is missing."""
+    missing = np.where(assessed.needed, np.isnan(assessed.y).sum(axis=0), 0)
+    worst = int(missing.argmax())
+    if not missing[worst]:
+        return ""
+    return (
+        f"; {assessed.dictionary.keys[worst]} is missing in {missing[worst]} of {len(assessed.y)}"
+    )
 
 
 def channels(assessed: AssessedSegment) -> Check:

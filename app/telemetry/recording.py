@@ -46,6 +46,7 @@ class Trace:
     group: of the file; channels of one group share their times, as one array.
     source: signal or derivation in words.   derived: not measured.
     bias: subtracted from the recorded values, in `unit`.   unit: of the values, SI or g.
+    why_missing: why no sample has a value, where that is known.
     """
 
     t: Array
@@ -55,6 +56,7 @@ class Trace:
     derived: bool = False
     bias: float = 0.0
     unit: str = ""
+    why_missing: str = ""
 
 
 @dataclass(frozen=True, eq=False)

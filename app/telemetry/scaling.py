@@ -59,6 +59,20 @@ class BitField:
             field = np.where(status == MINUS, -field, field)
         return np.where(is_word, field, np.nan)
 
+    def why_missing(self, words: Array) -> str:
+        """Why none of the words (n,) has a value; "" if any has one, or none was recorded."""
+        known = np.isfinite(words)
+        if not known.any() or np.isfinite(self.of(words)).any():
+            return ""
+        if self.kind == "bnr":
+            return f"no sample's status (bits {STATUS + 1} and {STATUS + 2}) is normal operation"
+        return "no sample has decimal digits and a valid status" if self.kind == "bcd" else ""
+
+
+def has_fractions(raw: Array) -> bool:
+    known = raw[np.isfinite(raw)]
+    return bool((known != np.round(known)).any())
+
 
 @cache
 def read_bits(text: str) -> BitField:

@@ -12,7 +12,7 @@ from app.telemetry.mapping.derivations import DERIVATIONS, derive
 from app.telemetry.mapping.group_times import dead_time, no_clock, repeated_time
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, rate_words
 from app.telemetry.recording import TelemetryError, Trace, Traces
-from app.telemetry.scaling import read_bits
+from app.telemetry.scaling import has_fractions, read_bits
 from app.telemetry.targets import in_order, plausible, target_of
 from app.telemetry.units import convert, spelled
 from core.channels import KEYS
@@ -137,6 +137,14 @@ def _read(columns: Columns, mapping: Mapping, key: str, times: dict[str, Array])
         )
     if problem := source.scaling.problem() or _beyond(source, signal):
         raise TelemetryError(f"{key} ({signal.name}) {problem}")
+    why_missing = ""
+    if source.bits:
+        if has_fractions(raw):
+            raise TelemetryError(
+                f"{key} has bits {source.bits}, but bits need whole numbers; {signal.name} has "
+                "fractions: leave out its bits, or choose the signal with the raw words"
+            )
+        why_missing = read_bits(source.bits).why_missing(raw)
     try:
         unit = target_of(key, source.unit).unit
         values = _finite(convert(source.scaling(raw), source.unit, unit))
@@ -144,7 +152,15 @@ def _read(columns: Columns, mapping: Mapping, key: str, times: dict[str, Array])
         raise TelemetryError(f"unit of {key} ({signal.name}): {error}") from None
     release(raw)
     values = _signed(values, source)
-    return Trace(times[group], values, group, signal.name, bias=source.bias, unit=unit)
+    return Trace(
+        times[group],
+        values,
+        group,
+        signal.name,
+        bias=source.bias,
+        unit=unit,
+        why_missing=why_missing,
+    )
 
 
 def _beyond(source: ChannelSource, signal: Signal) -> str:

@@ -19,6 +19,13 @@ OF_REQUEST = ConfigDict(extra="forbid", use_attribute_docstrings=True)
 LEAST_RATE_HZ, MOST_RATE_HZ = 0.1, 5e4
 
 
+def _bits_read(given: Any) -> Any:
+    """Read one bit, given as a number."""
+    if isinstance(given, bool) or not isinstance(given, int | str):
+        raise TelemetryError('give a bit such as 7, or bits such as "5-16" or "5-16 signed"')
+    return str(given)
+
+
 @dataclass(frozen=True)
 class ChannelSource:
     """Source of a channel: a signal of the file, or a derivation from other channels.
@@ -40,7 +47,7 @@ class ChannelSource:
     """of raw counts, [`unit`] per count"""
     offset: Annotated[float, Strict()] = 0.0
     """of raw counts: the value at a count of zero, in `unit`"""
-    bits: str = ""
+    bits: Annotated[str, BeforeValidator(_bits_read)] = ""
     """of the raw word, such as `5-16 signed`; bit 1 is the least significant"""
 
     @property
@@ -144,7 +151,7 @@ class Mapping:
             fault = error.errors()[0]
             place = " of ".join(repr(part) for part in reversed(fault["loc"]))
             raise TelemetryError(
-                f"{place or 'a mapping'} is {fault['input']!r:.80}: {fault['msg']}"
+                f"{place or 'the mapping'} {_in_words(fault['type'], fault['msg'], fault['input'])}"
             ) from None
         named = [(f"mapping of {key!r}", source) for key, source in mapping.channels.items()]
         named += [(f"time of {group!r}", source) for group, source in mapping.times.items()]
@@ -155,6 +162,19 @@ class Mapping:
 
 
 _MAPPING = TypeAdapter(Mapping)
+
+
+def _in_words(kind: str, message: str, given: Any) -> str:
+    """A fault of pydantic without its types: what was given, what is needed."""
+    if kind == "unexpected_keyword_argument":
+        return "is unknown: leave it out, or correct its name"
+    if kind == "value_error":
+        return f"is {given!r:.80}: {message.removeprefix('Value error, ')}"
+    needed = "an object" if kind.startswith("dataclass") else NEEDED.get(kind)
+    return f"is {given!r:.80}: give {needed or message.removeprefix('Input should be ')}"
+
+
+NEEDED = {"float_type": "a number", "string_type": "text", "dict_type": "an object"}
 
 
 def mapping_template(

@@ -61,6 +61,18 @@ def test_a_manoeuvre_with_data_missing_is_not_quiet(attas: Monitor, calm: np.nda
     assert headline([asdict(manoeuvre)])[0] == "caution"
 
 
+def test_the_missing_channel_is_named_where_no_sample_is_assessed(attas: Monitor, calm: np.ndarray):
+    lost = calm.copy()
+    lost[len(calm) // 4 :: 2, NY] = np.nan
+    lost[len(calm) // 4 + 1 :: 4, NY] = np.nan
+    validity = only(attas, recorded(lost)).validity
+    checks = {check.name: check for check in validity.checks}
+    assert validity.valid is False
+    assert checks["rate"].ok is not False
+    assert checks["coverage"].ok is False
+    assert "Ny is missing in" in checks["coverage"].text
+
+
 def test_a_single_lost_sample_changes_nothing(attas: Monitor, calm: np.ndarray):
     manoeuvre = only(attas, recorded(without(calm, 100, 101, NY)))
     assert manoeuvre.outcome == "quiet"

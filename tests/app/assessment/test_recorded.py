@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.assessment import Interval, ScoringRecipe, score
+from app.assessment import Interval, MissingChannels, ScoringRecipe, score
 from app.assessment.limits_history import LimitsHistory
 from app.assessment.limits_in_force import LimitsInForce
 from app.telemetry.recording import Trace, Traces
@@ -38,3 +38,10 @@ def test_a_limit_set_does_not_judge_channels_that_it_does_not_know(more: tuple) 
     assert [m.exceedance for m in scored.manoeuvres] == [m.exceedance for m in alone.manoeuvres]
     (note,) = set(scored.notes) - set(alone.notes)
     assert "Limit sets know only beta, p, r" in note
+
+
+def test_a_mapped_channel_without_a_value_is_told_from_one_that_is_not_mapped() -> None:
+    why = "no sample's status is normal operation"
+    empty = Trace(np.zeros(2), np.full(2, np.nan), source="word", why_missing=why)
+    assert f"word has no value, since {why}" in str(MissingChannels(["Ny"], (), [empty]))
+    assert "no value" not in str(MissingChannels(["Ny"]))

@@ -267,7 +267,7 @@ def test_a_file_without_an_assessed_sample_exits_with_1(attas_monitor: Path, tmp
     (tmp_path / "holes.csv").write_text("\n".join(lines))
     arguments = ["score", str(attas_monitor), str(tmp_path / "holes.csv")]
     assert main([*arguments, "-o", str(tmp_path / "out")]) == 1
-    assert re.search(r"OUTSIDE +rate: .*; 0 of \d+ samples", capsys.readouterr().out)
+    assert re.search(r"OUTSIDE +coverage: no sample was assessed", capsys.readouterr().out)
 
 
 def rest(k: int) -> str:

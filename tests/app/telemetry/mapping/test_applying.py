@@ -65,6 +65,43 @@ def test_bits_are_read_before_the_scale(tmp_path):
     assert traces.notes[0] == "Scaled: beta = 0.5 * bits 2-4 + 1."
 
 
+def test_bits_of_a_signal_with_fractions_are_refused(tmp_path):
+    columns = columns_of(tmp_path, table(4, beta_deg=[0.0, 1.5, np.nan, 2.0]))
+    source = ChannelSource("beta_deg", "deg", bits="5-16 signed")
+    with pytest.raises(TelemetryError, match="whole numbers; beta_deg has fractions"):
+        apply_mapping(columns, mapping(beta=source))
+
+
+def test_words_without_a_normal_status_have_a_reason(tmp_path):
+    columns = columns_of(tmp_path, table(3, word=[0, 1 << 29, 2 << 29], ok=[0, 0, 3 << 29]))
+    lost, kept = (ChannelSource(name, "g", bits="11-29 bnr") for name in ("word", "ok"))
+    channels = apply_mapping(columns, mapping(Ny=lost, beta=replace(kept, unit="deg"))).channels
+    assert "normal operation" in channels["Ny"].why_missing
+    assert channels["beta"].why_missing == ""
+
+
+def test_one_bit_is_also_read_as_a_number():
+    read = Mapping.from_plain({"channels": {"beta": {"signal": "b", "bits": 7}}})
+    assert read.channels["beta"].bits == "7"
+
+
+@pytest.mark.parametrize(
+    ("entry", "expected"),
+    [
+        ({"offset": 1.0}, "'beta' of 'channels' .* `scale`"),
+        ({"scale": "x"}, "'scale' of 'beta' of 'channels' is 'x': give a number"),
+        ({"bits": 7.5}, "'bits' of 'beta' of 'channels' is 7.5: give a bit such as 7"),
+        ({"unit": 5}, "'unit' of 'beta' of 'channels' is 5: give text"),
+        ({"sign": 2}, "'sign' of 'beta' of 'channels' is 2: give 1 or -1"),
+        ({"units": "deg"}, "'units' of 'beta' of 'channels' is unknown"),
+    ],
+)
+def test_an_invalid_entry_is_named_with_what_it_needs(entry, expected):
+    with pytest.raises(TelemetryError, match=expected) as refused:
+        Mapping.from_plain({"channels": {"beta": {"signal": "b"} | entry}})
+    assert "Value error" not in str(refused.value)
+
+
 def test_a_mapping_without_a_scale_is_written_as_before():
     plain = mapping(beta=ChannelSource("b", "deg", -1, 0.25)).to_plain()
     assert [*plain["channels"]["beta"]] == ["signal", "unit", "sign", "bias", "derivation"]
@@ -87,7 +124,7 @@ def test_an_offset_without_a_scale_is_ambiguous():
         ({"scale": 0.0}, "scale of 0: give a finite number other than zero"),
         ({"scale": np.inf}, "scale of inf"),
         ({"scale": np.nan}, "scale of nan"),
-        ({"scale": "2"}, "valid number"),
+        ({"scale": "2"}, "give a number"),
         ({"scale": 2.0, "offset": np.nan}, "offset of nan: give a finite number"),
         ({"bits": "16-5"}, "least significant first"),
         ({"signal": "", "derivation": "beta_from_velocity", "scale": 2.0}, "only a signal has"),
