@@ -55,7 +55,10 @@ def suggest_amplitude(
     AmplitudeError if no amplitude from LOWEST_DEG to HIGHEST_DEG has about that share.
     """
     if recipe.margins.label:
-        raise AmplitudeError("stability margins do not depend on the amplitude: give one")
+        raise AmplitudeError(
+            "stability margins do not depend on the amplitude, so none can be suggested: choose it "
+            "yourself"
+        )
     if not 0 < share < 1:
         raise AmplitudeError(f"share={share} was given: give a number between 0 and 1")
     found = _found(replace(recipe, **NOT_FLOWN), share, most)

@@ -351,7 +351,9 @@ def _check_budget(recipe: SimulatedTest, n_unsafe: int, n_made: int) -> None:
     if n_made < recipe.max_rollouts and recipe.n_unsafe <= highest * recipe.max_rollouts:
         return
     enough = f" to about {ceil(recipe.n_unsafe * n_made / n_unsafe)}" if n_unsafe else ""
-    remedy = f"{recipe.for_more} or raise max_rollouts{enough}"
+    remedy = recipe.for_more
+    if n_unsafe or not _by_margins(recipe):
+        remedy += f" or raise max_rollouts{enough}"
     try:
         remedy += f". {_working_amplitude(recipe)}"
     except AmplitudeError as error:
@@ -370,10 +372,15 @@ def _highest_share(k: int, n: int) -> float:
     return float(betaincinv(k + 1, n - k or 1, 1 - CERTAINTY))
 
 
+def _by_margins(test: SimulatedTest) -> bool:
+    recipe = replanned(test)
+    return recipe is not None and recipe.margins.label is not None
+
+
 def _working_amplitude(test: SimulatedTest) -> str:
     """The suggested amplitude, as the last sentence of an error; empty if none can be searched.
     AmplitudeError if there is none."""
-    if (recipe := replanned(test)) is None or recipe.margins.label:
+    if (recipe := replanned(test)) is None or _by_margins(test):
         return ""
     return f"{suggest_amplitude(recipe)}"
 

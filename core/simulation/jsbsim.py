@@ -88,7 +88,8 @@ class JsbsimAircraft:
     """
 
     model: str = "c172p"
-    """model of JSBSim: choose a flight condition that it can trim."""
+    """model of JSBSim: most jets have a trim at Mach 0.6 and 5000 m, light aircraft at Mach 0.165 and
+    1500 m; set the condition to suit."""
     spread: Annotated[float, Bounds(least=0)] = 0.1
     """scatter: of a factor on each aerodynamic function, one sigma."""
     full_deg: Annotated[float, POSITIVE] = 25.0
@@ -295,6 +296,7 @@ class _Aircraft:
         fdm["ic/beta-deg"], fdm["ic/gamma-deg"] = 0.0, degrees(model.climb)
         fdm["ic/phi-deg"] = degrees(model.bank)
         fdm.run_ic()
+        mach = fdm["velocities/mach"]
         fdm["propulsion/set-running"] = -1
         try:
             fdm.do_trim(TURN_TRIM if model.bank else FULL_TRIM)
@@ -302,8 +304,9 @@ class _Aircraft:
             turn = f" in a turn with {degrees(model.bank):.3g} deg of bank" if model.bank else ""
             less = ", a smaller load factor" if model.bank else ""
             raise ImpossibleError(
-                f"it has no trim at {model.speed:.4g} m/s and {model.altitude:g} m{turn}: give "
-                f"another speed{less}, or smaller spreads"
+                f"it has no trim at {model.speed:.4g} m/s (Mach {mach:.3g}) and "
+                f"{model.altitude:g} m{turn}: give another Mach number or speed, another "
+                f"altitude{less}, or smaller spreads"
             ) from None
 
 

@@ -123,7 +123,10 @@ def test_a_turn_begins_at_its_load_factor():
     ("changes", "told"),
     [
         ({"aircraft": {"kind": "jsbsim", "model": "c172q"}}, "did you mean c172p?"),
-        ({"condition": {"altitude_m": 1500, "mach": 0.05}}, "no trim at 16.72 m/s and 1500 m"),
+        (
+            {"condition": {"altitude_m": 1500, "mach": 0.05}},
+            "no trim at 16.72 m/s (Mach 0.05)",
+        ),
         ({"maneuver": {"kind": "pitch_capture"}}, "choose the pilot open_loop"),
         ({"pilot": {"kind": "crossover"}}, "choose the pilot open_loop"),
         ({"limits": {"Nz_high": 0.5}}, "Nz: limits"),

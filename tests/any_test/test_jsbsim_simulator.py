@@ -68,7 +68,7 @@ def test_own_channels_have_the_unit_at_the_end_of_their_property(tmp_path: Path)
         ("c172p", {"parameters": {"aero/Cm": 1}}, "has no function 'aero/Cm'"),
         ("c172p", {"channels": {"Nz": "velocities/vt-fps"}}, "not a unit of this quantity"),
         ("c172p", {"inputs": {"fcs/elevator": [[0, 0]]}}, "it has no property fcs/elevator"),
-        ("c172p", {"speed_m_s": 12}, "no trim at 12 m/s and 1500 m"),
+        ("c172p", {"speed_m_s": 12}, "no trim at 12 m/s (Mach 0.0359) and 1500 m"),
         ("c172p", {"spread": 0}, "repeat another one"),
     ],
 )

@@ -187,8 +187,8 @@ export function inWords(editors, message) {
   const isPart = prefix !== undefined && [...editors.keys()].some((path) => path.startsWith(`${prefix}.`));
   let sentence = isPart ? message.slice(prefix.length + 2) : lowered(message);
   for (const [name, words] of names) {
-    const found = new RegExp(`(?<![\\w.])${escaped(name)}(=${isProgramName(name) ? "|(?![\\w.])" : ""})`, "g");
-    sentence = sentence.replace(found, (_, sign) => (sign ? `${words} ` : words));
+    const found = new RegExp(`(\\b(?:raise|lower) )?(?<![\\w.])${escaped(name)}(=${isProgramName(name) ? "|(?![\\w.])" : ""})`, "g");
+    sentence = sentence.replace(found, (_, verb, sign) => `${verb ? `${verb}the ` : ""}${words}${sign ? " " : ""}`);
   }
   return trueMinus(message === lowered(message) ? sentence : capital(sentence));
 }

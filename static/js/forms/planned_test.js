@@ -69,7 +69,8 @@ function fieldsOf({ api, catalog, model, initial, asFlown, withGroups }) {
   const open = [...OPEN, ...BESIDE].filter((key) => key in properties);
   const rest = fields.keys.filter((key) => ![...families, ...open, SIZE, GROUPS].includes(key));
   const objects = rest.filter((key) => properties[key].properties);
-  const main = h("div.columns.test-columns", [...families, ...open].map(fields.element));
+  const chosen = families.filter((key) => !hasOneMember(properties[key], catalog));
+  const main = h("div.columns.test-columns", [...chosen, ...open].map(fields.element));
   const folded = fold(
     "Sampling, noise, imperfections, seed, budget",
     h("div.field-grid", rest.filter((key) => !objects.includes(key)).map(fields.element)),
@@ -78,8 +79,30 @@ function fieldsOf({ api, catalog, model, initial, asFlown, withGroups }) {
     withGroups && fields.element(GROUPS),
   );
   beginWithUsualTest(fields, main, catalog, model);
+  if ("margins" in properties) disableLimitsByMargins(fields, main);
   main.append(amplitudeSuggestion(fields, api));
   return { fields, main, folded, size: fields.element(SIZE) };
+}
+
+/** Whether a test has no choice in a family: one member, without parameters. */
+function hasOneMember(property, catalog) {
+  const { entries } = catalog.families[property["x-family"]];
+  const kinds = property.properties?.kind?.enum ?? Object.keys(entries);
+  return kinds.length === 1 && Object.keys(entries[kinds[0]].schema.properties).length === 0;
+}
+
+/** Limits are disabled while a stability margin labels the rollouts instead. */
+function disableLimitsByMargins(fields, element) {
+  const limits = fields.element("limits");
+  const note = h("p.hint", { role: "status" }, "Stability margins label the rollouts instead: these limits do not count.");
+  limits.append(note);
+  const turn = () => {
+    const isByMargins = Object.values(fields.read().margins).some((least) => least !== null);
+    limits.disabled = isByMargins;
+    note.hidden = !isByMargins;
+  };
+  element.addEventListener("input", turn);
+  turn();
 }
 
 /**

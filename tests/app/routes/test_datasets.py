@@ -213,7 +213,7 @@ def test_stability_margins_label_rollouts_of_a_dataset_and_its_monitor(tmp_path)
             refused = client.post(f"/api/v1/{resource}", json={"dataset": dataset["id"]})
             assert "give limits instead" in problem(refused, 422)
         asked = client.post("/api/v1/datasets/amplitude", json=test)
-        assert "do not depend on the amplitude" in problem(asked, 422)
+        assert "choose it yourself" in problem(asked, 422)
 
 
 def test_a_campaign_by_margins_is_refused(client):

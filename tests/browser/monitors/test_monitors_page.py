@@ -172,6 +172,21 @@ def test_a_capture_brings_its_pilot(page: Page, site: Site) -> None:
     expect(surfaces).to_have_text(["aileron", "rudder", "elevator"])
 
 
+def test_limits_are_disabled_while_a_margin_labels(page: Page, site: Site) -> None:
+    page.goto(f"{site.http}/#/datasets/new")
+    limits, margin = field(page, "dataset.limits.Ny"), field(page, "dataset.margins.phase_deg")
+    note = page.get_by_text("these limits do not count")
+    expect(limits).to_be_enabled()
+    expect(note).to_be_hidden()
+    margin.evaluate("element => { element.closest('details').open = true; }")
+    margin.fill("40")
+    expect(limits).to_be_disabled()
+    expect(note).to_be_visible()
+    margin.fill("")
+    expect(limits).to_be_enabled()
+    expect(note).to_be_hidden()
+
+
 def test_an_aircraft_of_jsbsim_is_simulated_by_the_form(
     page: Page, site: Site, allowed_errors: list[str]
 ) -> None:
@@ -181,6 +196,7 @@ def test_an_aircraft_of_jsbsim_is_simulated_by_the_form(
     page.get_by_role("radio", name="JSBSim").check()
     expect(field(page, "dataset.aircraft.model")).to_have_value("c172p")
     expect(field(page, "dataset.control_law.kind")).to_have_count(0)
+    expect(field(page, "dataset.pilot.kind")).to_have_count(0)
     field(page, "dataset.maneuver.kind").select_option("wind_up_turn")
     expect(field(page, "dataset.condition.load_factor")).to_have_value("1.4")
     field(page, "dataset.maneuver.kind").select_option("rudder_doublet")
@@ -192,7 +208,7 @@ def test_an_aircraft_of_jsbsim_is_simulated_by_the_form(
     field(page, "dataset.condition.mach").fill("0.1")
     field(page, "dataset.n_unsafe").fill("4")
     page.get_by_role("button", name="Simulate", exact=True).click()
-    expect(page.get_by_role("form")).to_contain_text("no trim at 33.45 m/s and 1500 m")
+    expect(page.get_by_role("form")).to_contain_text("no trim at 33.45 m/s (Mach 0.1) and 1500 m")
     field(page, "dataset.aircraft.model").select_option("c172p")
     field(page, "dataset.condition.mach").fill("0.165")
     page.get_by_role("button", name="Simulate", exact=True).click()

@@ -77,8 +77,11 @@ def test_nonlinear_aircraft_are_linearised_at_their_own_trim():
 
 def test_bounds_that_no_aircraft_violates_are_refused_with_the_margins_there_are():
     test = replace(PLANNED, max_rollouts=600, margins=LeastMargins(phase_deg=5.0))
-    with pytest.raises(CollectionError, match=r"phase margins of 6\d\.\d to 8\d\.?\d* deg.*raise"):
+    with pytest.raises(
+        CollectionError, match=r"phase margins of 6\d\.\d to 8\d\.?\d* deg.*raise"
+    ) as refused:
         collect(test)
+    assert "max_rollouts" not in str(refused.value)
     bare = replace(test, control_law=NoFeedback(), margins=LeastMargins(gain_db=6.0))
     with pytest.raises(ValueError, match="a law with feedback"):
         bare.first_margins()
@@ -101,5 +104,5 @@ def test_what_compares_limits_refuses_margins():
         StudyRecipe(LABELLED)
     with pytest.raises(ValueError, match="a campaign needs limits"):
         Condition("Mach 0.6", LABELLED)
-    with pytest.raises(ValueError, match="do not depend on the amplitude"):
+    with pytest.raises(ValueError, match="choose it yourself"):
         suggest_amplitude(LABELLED)
