@@ -88,8 +88,8 @@ class JsbsimAircraft:
     """
 
     model: str = "c172p"
-    """model of JSBSim: most jets have a trim at Mach 0.6 and 5000 m, light aircraft at Mach 0.165 and
-    1500 m; set the condition to suit."""
+    """model of JSBSim: most jets have a trim at Mach 0.6 and 5000 m, light aircraft at Mach 0.165
+    and 1500 m; set the condition to suit."""
     spread: Annotated[float, Bounds(least=0)] = 0.1
     """scatter: of a factor on each aerodynamic function, one sigma."""
     full_deg: Annotated[float, POSITIVE] = 25.0
