@@ -2,7 +2,6 @@
 
 import asyncio
 import gc
-import json
 import logging
 import os
 import socket
@@ -11,7 +10,6 @@ import threading
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
-from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -24,11 +22,9 @@ from app.http.relay import Relay
 from app.main import create_app
 from app.settings import Settings, SettingsError
 from app.store.database import StoreError, address
-from app.store.ownership import FileHold, Taken, owned
+from app.store.ownership import PROGRAM, FileHold, Taken, owned, published, published_by
 from app.store.people import digest_of
 from app.store.store import open_store
-from core import __version__
-from core.whole_file import write_whole
 
 UNANSWERED_MS = 5_000
 """A connection is dropped if its peer does not answer for this time."""
@@ -176,7 +172,7 @@ def serve(
             held.callback(listening.close)
             with asyncio.Runner(loop_factory=_loop_factory()) as runner:
                 held.push(runner.run(until_owner(settings, listening)))
-        held.enter_context(published(settings))
+        held.enter_context(shared(settings))
         open_store(settings.url).close()
         listening = listening or listen(settings)
         held.callback(listening.close)
@@ -243,22 +239,14 @@ def alone(settings: Settings) -> Iterator[None]:
 # --- several servers that share a database ----------------------------------------------------
 
 
-def owner_file(settings: Settings) -> Path:
-    """Where the owner of a shared database says how the other servers reach it."""
-    return settings.data_dir / "forewarn.owner"
-
-
 def owner_of(settings: Settings) -> str:
     """Address of the owner; empty if nobody owns the database, or not for others.
 
     SettingsError if this server would admit other people than the owner.
     """
-    try:
-        owner = json.loads(owner_file(settings).read_text())
-    except (OSError, ValueError):
-        return ""
-    address, about = owner.pop("address"), about_access(settings)
-    if address == settings.shared:  # left by this one, when it was killed
+    owner, about = published_by(settings.data_dir), about_access(settings)
+    address = owner.get("address", "")
+    if address in ("", settings.shared):  # left by this one, when it was killed
         return ""
     if different := [name for name, value in about.items() if owner.get(name) != value]:
         raise SettingsError(
@@ -271,21 +259,15 @@ def owner_of(settings: Settings) -> str:
 def about_access(settings: Settings) -> dict[str, Any]:
     """What is the same in all servers of a database, as a take-over must change nothing."""
     token = None if settings.token is None else digest_of(settings.token)
-    return {"token": token, "version": __version__, "allowed hosts": [*settings.allowed_hosts]}
+    return {"token": token, "version": PROGRAM, "allowed hosts": [*settings.allowed_hosts]}
 
 
 @contextmanager
-def published(settings: Settings) -> Iterator[None]:
-    """The owner's address, for the servers that share its database."""
-    place = owner_file(settings)
-    place.unlink(missing_ok=True)  # of one that was killed
-    if settings.shared is not None:
-        text = json.dumps({"address": settings.shared} | about_access(settings))
-        write_whole(place, text.encode())
-    try:
+def shared(settings: Settings) -> Iterator[None]:
+    """Tell the servers that share the database how to reach this one, its owner."""
+    about = {"address": settings.shared} | about_access(settings)
+    with published(settings.data_dir, None if settings.shared is None else about):
         yield
-    finally:
-        place.unlink(missing_ok=True)
 
 
 async def until_owner(settings: Settings, listening: socket.socket) -> ExitStack:

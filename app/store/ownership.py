@@ -4,12 +4,14 @@ SQLite: a file beside the database. PostgreSQL: a session's advisory lock, on a 
 nothing else; who loses the connection has lost the database until the lock is held again.
 """
 
+import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from errno import EACCES
 from pathlib import Path
 from threading import RLock
+from typing import Any
 
 from filelock import FileLock, Timeout
 from sqlalchemy import URL, Connection, create_engine, text
@@ -17,11 +19,14 @@ from sqlalchemy.exc import DBAPIError
 from sqlalchemy.pool import NullPool
 
 from app.store.database import StoreError, file_of, reason_of
+from core import __version__
+from core.whole_file import write_whole
 
 OWNER_KEY = 0x666F7265
 """Number of the advisory lock of the process that serves."""
 ANSWERS_S = 10
 """[s] A peer that is silent for some times this is gone."""
+PROGRAM, PUBLISHED = __version__, "forewarn.owner"
 _OWNED: dict[URL, "Ownership"] = {}
 _TURN = RLock()
 
@@ -179,3 +184,24 @@ def owned(url: URL, *, first: bool = False) -> Iterator[Ownership]:
             if not ownership.n_users:
                 del _OWNED[key]
                 ownership.release()
+
+
+@contextmanager
+def published(data_dir: Path, about: dict[str, Any] | None) -> Iterator[None]:
+    """Leave in the data directory what others must know of its owner; nothing if None."""
+    place = data_dir / PUBLISHED
+    place.unlink(missing_ok=True)  # of one that was killed
+    if about is not None:
+        write_whole(place, json.dumps(about).encode())
+    try:
+        yield
+    finally:
+        place.unlink(missing_ok=True)
+
+
+def published_by(data_dir: Path) -> dict[str, Any]:
+    """What the owner of a data directory has left there; empty if nothing."""
+    try:
+        return json.loads((data_dir / PUBLISHED).read_text())
+    except (OSError, ValueError):
+        return {}

@@ -100,7 +100,7 @@ def test_a_batch_that_is_refused_takes_no_other_with_it(server: LiveServer) -> N
     settled: dict[int, str] = {}
     client = LiveClient(server.url, on_settled=settled.__setitem__)
     client.start(server.monitor_id, trim="none")
-    batches = [{"t": DT * k, **REST} for k in range(5)]
+    batches: list[dict[str, Any]] = [{"t": DT * k, **REST} for k in range(5)]
     batches[2] = {"t": "noon", **REST}
     assert [client.send_batch(batch) for batch in batches] == [*range(5)]
     assert not client.flush()

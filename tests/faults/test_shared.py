@@ -21,7 +21,7 @@ from websockets.sync.client import connect
 from app import serving
 from app.http import relay
 from app.main import STATIC
-from app.serving import alone, listen, published, serve
+from app.serving import alone, listen, serve, shared
 from app.settings import Settings, SettingsError
 from core.monitor import Monitor
 from tests.faults.conftest import keep_monitor
@@ -174,12 +174,12 @@ def test_a_server_is_refused_where_the_owner_shares_with_nobody(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(serving, "NO_OWNER_S", 0.0)
-    shared = Settings(data_dir=tmp_path, port=0, shared="http://127.0.0.1:8000")
+    other = Settings(data_dir=tmp_path, port=0, shared="http://127.0.0.1:8000")
     with (
         alone(Settings(data_dir=tmp_path)),
         pytest.raises(SettingsError, match="or start both with --shared"),
     ):
-        serve(shared, refuse)
+        serve(other, refuse)
 
 
 def test_a_server_that_would_admit_others_than_the_owner_is_refused(tmp_path: Path) -> None:
@@ -187,7 +187,7 @@ def test_a_server_that_would_admit_others_than_the_owner_is_refused(tmp_path: Pa
     other = replace(one, shared="http://127.0.0.1:8002", token="of sixteen letters")
     with (
         alone(one),
-        published(one),
+        shared(one),
         pytest.raises(SettingsError, match="8001, which owns the database, has another token"),
     ):
         serve(other, refuse)
