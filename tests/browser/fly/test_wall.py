@@ -268,3 +268,19 @@ def test_a_key_opens_the_wall_the_address_has_it_and_escape_leaves_it(live: Live
     assert_legible(page)
     page.keyboard.press("Escape")
     expect(page.locator(".notice")).to_be_visible()
+
+
+def test_a_link_that_hides_all_strips_tells_so(live: Live) -> None:
+    page = live.page
+    live.begin()
+    address, hidden = page.url, page.locator(".layout-unknown")
+    expect(hidden).to_be_hidden()
+    page.goto("about:blank")
+    page.goto(f"{address}?strips=")
+    live.connected()
+    expect(hidden).to_have_text("◆ All strips are hidden: show some by View > Layout.")
+    assert violations(page) == []
+    page.goto("about:blank")
+    page.goto(f"{address}?strips=.beta")
+    live.connected()
+    expect(hidden).to_be_hidden()

@@ -3,7 +3,7 @@
  *
  * createLayoutEditor({arrangement, panels, address, keys, presets}) -> {element, unknown, toggle()}
  *     arrangement: of the strips, see arrangement.js.   panels: of those beside them.   keys: of the channels
- *     presets: {word: layout}, see layouts.js.   unknown: element for what the link asks for and this view does not have
+ *     presets: {word: layout}, see layouts.js.   unknown: element for what the link asks for and this view does not have, and for hidden strips
  */
 
 import { button, errorLine, formatted, h, hiddenHead, put } from "../../lib/dom.js";
@@ -38,8 +38,13 @@ export function createLayoutEditor({ arrangement, panels, address, keys, presets
   function tell() {
     const alone = [address.get(ONLY)].filter((name) => name !== null && !Object.hasOwn(namesAlone(panels), name));
     const missing = [...unknownParts(layoutNow(address), known), ...alone];
-    put(unknown, `◆ Not in this view, so not shown: ${missing.join(", ")}.`);
-    unknown.hidden = missing.length === 0;
+    const isBare = arrangement.items.every(({ key }) => arrangement.shown(key) === "hidden");
+    const told = [
+      ...(missing.length > 0 ? [`Not in this view, so not shown: ${missing.join(", ")}.`] : []),
+      ...(isBare ? ["All strips are hidden: show some by View > Layout."] : []),
+    ];
+    put(unknown, `◆ ${told.join(" ")}`);
+    unknown.hidden = told.length === 0;
   }
 
   function toggle() {
