@@ -34,11 +34,6 @@ class _Side(asyncio.Protocol):
         self.transport: Any = None
         self.other: _Side | None = None
 
-    def link(self, other: "_Side") -> None:
-        self.other = other
-        if self.transport is not None:
-            self.transport.resume_reading()
-
     def connection_made(self, transport: Any) -> None:
         connection = transport.get_extra_info("socket")
         for buffer in (socket.SO_SNDBUF, socket.SO_RCVBUF):
@@ -98,8 +93,7 @@ class Relay:
                     await asyncio.sleep(AGAIN_S)
         finally:
             for side in [*self._sides]:
-                if side.transport is not None:
-                    side.transport.abort()
+                side.transport.abort()
 
     def _refuse_one(self) -> None:
         with suppress(OSError), self._listening.accept()[0] as client:  # unless it has left
@@ -123,7 +117,8 @@ class Relay:
         accepted.setblocking(False)
         client.other = server
         await loop.connect_accepted_socket(lambda: client, accepted)
-        server.link(client)
+        server.other = client
+        server.transport.resume_reading()
 
 
 async def _readable(listening: socket.socket) -> None:
