@@ -3,9 +3,8 @@
 import { createRecordingChart } from "../charts/recorded/recording_chart.js";
 import { setZero } from "../lib/clock.js";
 import { empty, formatted, guideLink, h, link, loadingView, pageOf, panel, recipeList, sentences } from "../lib/dom.js";
-import { createEventList } from "../lib/event_list.js";
 import { bytesText, count, figure, moment } from "../lib/numbers.js";
-import { eventsOf, exceededIn, flagsOf, laneOf, limitsInForceOf, manoeuvresOf } from "./scoring/events.js";
+import { createScoredEvents, eventsOf, exceededIn, flagsOf, laneOf, limitsInForceOf, manoeuvresOf } from "./scoring/events.js";
 import { tileSource } from "./scoring/source.js";
 import { createVerdictTable } from "./scoring/verdict_table.js";
 import { alertRule, NO_CLOCK, outcomeChip, outsideChip, trimText } from "./words.js";
@@ -20,13 +19,7 @@ export function showArchivedFlight(element, { id, query, api }) {
     const { manoeuvres } = flight;
     const events = eventsOf(flight);
     const host = h("div.scored-chart");
-    const list = h("section.event-panel", { "aria-label": "Events" });
-    const log = createEventList(list, {
-      go: (t) => visit(events.find((event) => event.t === t) ?? { t }),
-      label: "Events in order of time",
-      most: Infinity,
-    });
-    for (const event of [...events].reverse()) log.add(event);
+    const list = createScoredEvents(events, visit);
     const verdicts = createVerdictTable(flight, { show: visitManoeuvre });
     const chart = createRecordingChart(host, {
       exceeded: exceededIn(flight),

@@ -1,6 +1,7 @@
 /**
  * Events of a scored recording, in order of time, and what a chart marks of it.
  *
+ * createScoredEvents(events, visit) -> element     those of eventsOf as a list; visit({t, manoeuvre}): one was chosen
  * eventsOf(scoring) -> [{t, text, level, manoeuvre}]     manoeuvre: its number; undefined outside every manoeuvre
  * flagsOf(scoring)    exceedances in the values as recorded only.   limitsInForceOf(scoring): null without a limit set
  * exceededIn(scoring) -> keys of the channels that exceeded a limit, in a manoeuvre or outside
@@ -9,9 +10,22 @@
  */
 
 import { secondsText } from "../../lib/clock.js";
+import { h } from "../../lib/dom.js";
+import { createEventList } from "../../lib/event_list.js";
 import { magnitudeIn, quantity, riskText } from "../../lib/numbers.js";
 import { STATE_WORDS } from "../../lib/states.js";
 import { AS_RECORDED, measuredBy } from "../words.js";
+
+export function createScoredEvents(events, visit) {
+  const list = h("section.event-panel", { "aria-label": "Events" });
+  const log = createEventList(list, {
+    go: (t) => visit(events.find((event) => event.t === t) ?? { t }),
+    label: "Events in order of time",
+    most: Infinity,
+  });
+  for (const event of [...events].reverse()) log.add(event);
+  return list;
+}
 
 export function eventsOf(scoring) {
   const { manoeuvres, outside_exceedances: outside, channels, alert_above: alertAbove, limits_in_force: inForce } = scoring;

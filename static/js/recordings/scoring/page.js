@@ -23,7 +23,6 @@ import {
   sentences,
   table,
 } from "../../lib/dom.js";
-import { createEventList } from "../../lib/event_list.js";
 import { createDisplayChoice, startFlight, warningMark } from "../../lib/monitors.js";
 import { count, figure, followUnits, formatValue, magnitude, magnitudeIn, moment, shownIn } from "../../lib/numbers.js";
 import { scaledWords } from "../mapping/changes.js";
@@ -31,7 +30,7 @@ import { isWithUnit } from "../mapping/signal_select.js";
 import { createNotesPanel, laneOfMarkers } from "../notes_panel.js";
 import { createTrainingOffer } from "../training_offer.js";
 import { alertRule, NO_CLOCK, outcomeChip, outsideChip, trimText } from "../words.js";
-import { eventsOf, exceededIn, flagsOf, laneOf, limitsInForceOf, manoeuvresOf, scoringStarts } from "./events.js";
+import { createScoredEvents, eventsOf, exceededIn, flagsOf, laneOf, limitsInForceOf, manoeuvresOf, scoringStarts } from "./events.js";
 import { scoringSource, TRIM_SEGMENT } from "./source.js";
 import { createVerdictTable } from "./verdict_table.js";
 
@@ -52,13 +51,7 @@ export function showScoring(element, { id, query, api, navigate }) {
     const { manoeuvres } = scoring;
     const host = h("div.scored-chart");
     const events = eventsOf(scoring);
-    const list = h("section.event-panel", { "aria-label": "Events" });
-    const log = createEventList(list, {
-      go: (t) => visit(events.find((event) => event.t === t) ?? { t }),
-      label: "Events in order of time",
-      most: Infinity,
-    });
-    for (const event of [...events].reverse()) log.add(event);
+    const list = createScoredEvents(events, visit);
     const verdicts = createVerdictTable(scoring, { show: visitManoeuvre });
     const address = createAddress();
     const noted = h("div.scored-notes");
