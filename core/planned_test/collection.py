@@ -374,13 +374,13 @@ def _highest_share(k: int, n: int) -> float:
 
 def _by_margins(test: SimulatedTest) -> bool:
     recipe = replanned(test)
-    return recipe is not None and recipe.margins.label is not None
+    return recipe is not None and bool(recipe.margins.label)
 
 
 def _working_amplitude(test: SimulatedTest) -> str:
     """The suggested amplitude, as the last sentence of an error; empty if none can be searched.
     AmplitudeError if there is none."""
-    if (recipe := replanned(test)) is None or _by_margins(test):
+    if (recipe := replanned(test)) is None or recipe.margins.label:
         return ""
     return f"{suggest_amplitude(recipe)}"
 

@@ -45,10 +45,11 @@ def test_an_archive_is_summed_filtered_and_its_flights_open(page: Page, site: Si
     expect(sums.locator("tbody tr")).to_have_count(1)
     expect(flights.locator("tbody tr")).to_have_count(1)
     page.get_by_role("combobox", name="Aircraft", exact=True).select_option("*")
+    expect(flights.locator("tbody tr")).to_have_count(2)
     page.get_by_role("searchbox", name="Search flights").fill("d-fly")
     expect(flights.locator("tbody tr")).to_have_count(1)
     with page.expect_response("**/tiles?**") as tiles:
-        flights.get_by_role("link").click()
+        flights.get_by_role("link", name="D-FLY/20240602.csv").click()
     assert tiles.value.ok
     expect(page.get_by_role("heading", name="D-FLY/20240602.csv")).to_be_visible()
     expect(page.locator(".verdict")).to_have_count(1)
