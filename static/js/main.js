@@ -97,6 +97,7 @@ async function open() {
   showDamage();
   const [path, search] = location.hash.replace(/^#?\/?/, "").split("?");
   const [name, id = null] = path.split("/").map(decoded);
+  if (name === "guide") return location.replace(["/guide", id].filter(Boolean).join("/"));
   const mine = ++turn;
   const view = viewOf(name);
   const query = new URLSearchParams(search ?? "");

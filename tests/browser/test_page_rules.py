@@ -113,3 +113,8 @@ def test_every_page_keeps_the_rules(
     for width in (1024, 1440):
         page.set_viewport_size({"width": width, "height": 800})
         assert page.evaluate(BLANK) <= 0, width
+
+
+def test_an_address_of_the_guide_in_the_page_opens_the_guide(page: Page, site: RecordedSite):
+    page.goto(f"{site.http}/#/guide/limit-sets")
+    expect(page).to_have_url(f"{site.http}/guide/limit-sets")

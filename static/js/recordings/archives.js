@@ -1,9 +1,10 @@
 /**
- * The Archives page: #/archives lists them; #/archives/{id} is the summary of one and its flights, with ?flight={fid}
- * and &monitor={name} one of its flights.
+ * The Archives page: #/archives lists them; #/archives/{id} is the summary of one and its flights, filtered as its
+ * address says; with ?flight={fid} and &monitor={name} it is one of its flights.
  */
 
 import { select } from "../forms/controls.js";
+import { createAddress } from "../lib/address.js";
 import { chip, empty, errorLine, factList, guideLink, h, link, loadingView, pageOf, panel, table } from "../lib/dom.js";
 import { createLongList } from "../lib/long_list.js";
 import { sentence } from "../lib/monitors.js";
@@ -80,22 +81,28 @@ function showArchive(element, { id, api }) {
     const several = monitors.length > 1;
     const alertOf = new Map(monitors.map(({ name, alert_above: above }) => [name, above]));
     const failure = errorLine();
-    const choose = (entries, label) => {
-      const control = select(entries, { onchange: () => failure.attempt(reload) });
+    const address = createAddress();
+    let asked = "";
+    const choose = (name, entries, label) => {
+      const control = select(entries, { value: address.get(name), onchange: changed });
+      function changed() {
+        address.set(name, control.value === entries[0][0] ? null : control.value);
+        failure.attempt(reload);
+      }
       return { control, element: h("label.field.archive-choice", h("span.dim", label), control) };
     };
     const named = (names, all, none) => [["*", all], ...names.map((name) => [name, name]), ["", none]];
     const chosen = {
-      aircraft: choose(named(aircraft, "all", "not known"), "Aircraft"),
-      month: choose(named(months, "all", "not known"), "Month"),
-      monitor: choose([["*", "all"], ...monitors.map(({ name }) => [name, name])], "Monitor"),
+      aircraft: choose("aircraft", named(aircraft, "all", "not known"), "Aircraft"),
+      month: choose("month", named(months, "all", "not known"), "Month"),
+      monitor: choose("monitor", [["*", "all"], ...monitors.map(({ name }) => [name, name])], "Monitor"),
     };
-    const some = choose(SOME, "Show");
-    const sort = choose(SORTS, "Sort by");
-    const by = choose(GROUPS, "Summed by");
+    const some = choose("some", SOME, "Show");
+    const sort = choose("sort", SORTS, "Sort by");
+    const by = choose("by", GROUPS, "Summed by");
     const sums = h("div");
     const rows = h("div");
-    const list = createLongList({ api, path: () => `${path}/flights?${queryOf([["sort", sort], ["some", some]])}`, search: "Search flights", step: LISTED, show: fill });
+    const list = createLongList({ api, path: () => `${path}/flights?${queryOf([["sort", sort], ["some", some]])}`, search: "Search flights", step: LISTED, show: fill, address });
     const bad = h("div");
     const failed = createLongList({ api, path: `${path}/files?state=failed`, search: "Search files", step: LISTED, show: fillFailed });
     await Promise.all([reload(), archive.n_failed ? failed.load() : null]);
@@ -113,7 +120,9 @@ function showArchive(element, { id, api }) {
     async function reload() {
       const groups = by.control.value.split(",").filter(Boolean);
       const query = [queryOf(), ...groups.map((name) => `by=${name}`), "limit=1000"].filter(Boolean).join("&");
+      asked = query;
       const [found] = await Promise.all([api.get(`${path}/summary?${query}`), list.load()]);
+      if (asked !== query) return; // another choice was made meanwhile
       sums.replaceChildren(found.length ? table({ columns: sumColumns(groups), items: found, panel: false, classes: "archive-table" }) : h("p.dim", "No flight matches."));
     }
 

@@ -48,6 +48,10 @@ def test_an_archive_is_summed_filtered_and_its_flights_open(page: Page, site: Si
     expect(flights.locator("tbody tr")).to_have_count(2)
     page.get_by_role("searchbox", name="Search flights").fill("d-fly")
     expect(flights.locator("tbody tr")).to_have_count(1)
+    expect(page).to_have_url(re.compile(r"\?by=aircraft&find=d-fly$"))
+    page.reload()
+    expect(flights.locator("tbody tr")).to_have_count(1)
+    expect(page.get_by_role("combobox", name="Summed by", exact=True)).to_have_value("aircraft")
     with page.expect_response("**/tiles?**") as tiles:
         flights.get_by_role("link", name="D-FLY/20240602.csv").click()
     assert tiles.value.ok
