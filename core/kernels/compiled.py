@@ -18,22 +18,26 @@ from typing import Any
 import numba
 from filelock import FileLock
 from numba.core import config, environment, event
+from numba.core.caching import UserProvidedCacheLocator
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.runtime.nrt import rtsys
 
+LOCATORS = f"{__name__}._ByContent,InTreeCacheLocator,UserWideCacheLocator"
+"""Of compiled kernels; numba takes the first whose folder it can write to."""
 KEEP_S = 24 * 3600.0
 """Caches used more recently are kept [s]."""
 
 
 @cache
 def cache_directory(sources: Path = Path(__file__).parent) -> str:
-    """Cache directory of compiled kernels; it depends on the path and content of this folder.
+    """Cache directory of compiled kernels; it depends on the content of this folder, and on numba.
 
-    numba itself checks only the file of a kernel, not the kernels it calls.
+    Equal copies share it, such as one in a new environment. numba itself checks only the file of a
+    kernel, not the kernels it calls.
     """
     files = sorted(sources.rglob("*.py"))
     content = b"".join(file.read_bytes() for file in files)
-    digest = hashlib.sha256(str(sources.absolute()).encode() + content)
+    digest = hashlib.sha256(numba.__version__.encode() + content)
     home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return str(Path(home) / "forewarn" / f"kernels-{digest.hexdigest()[:16]}")
 
@@ -82,10 +86,19 @@ def entry(kernel: Any, *arguments: Any) -> Callable[..., Any]:
     return kernel.overloads[signature].entry_point
 
 
+class _ByContent(UserProvidedCacheLocator):
+    """Keeps compiled kernels by the content of this folder, where numba would by its path."""
+
+    @classmethod
+    def get_suitable_cache_subpath(cls, py_file: str) -> str:
+        return Path(cache_directory()).name
+
+
 def _compiled(function: Callable[..., Any], nogil: bool) -> Any:
     settings: Any = config
     given = settings.CACHE_DIR
     settings.CACHE_DIR = given or _own_cache()
+    settings.CACHE_LOCATOR_CLASSES = LOCATORS
     try:
         kernel: Any = numba.njit(cache=True, nogil=nogil)(function)
     except RuntimeError as error:  # numba found no place that it can write to
@@ -94,7 +107,7 @@ def _compiled(function: Callable[..., Any], nogil: bool) -> Any:
             "writable directory"
         ) from error
     finally:
-        settings.CACHE_DIR = given
+        settings.CACHE_DIR, settings.CACHE_LOCATOR_CLASSES = given, ""
     kernel._cache.load_overload = partial(_load, kernel._cache)
     name = f"{function.__module__}.{function.__qualname__}"
     kernel.compile = partial(_compile_once, kernel.compile, name)

@@ -30,6 +30,23 @@ def directory(sources: Path) -> str:
     return cache_directory(sources / "kernels")
 
 
+COUNTED = """
+import numpy as np
+from core.kernels.reductions import spread
+spread(np.zeros((2, 3)))
+print(*spread.stats.cache_hits.values(), len(spread.stats.cache_misses))
+"""
+
+
+def test_an_equal_copy_elsewhere_compiles_nothing_anew(sources: Path) -> None:
+    """Such as the next version, whose kernels are the same, in an environment of its own."""
+    spread(np.zeros((2, 3)))
+    assert directory(sources) == directory(CORE)
+    call = [sys.executable, "-c", COUNTED]
+    copy = subprocess.run(call, cwd=sources.parent, check=True, capture_output=True, text=True)
+    assert copy.stdout.split() == ["1", "0"]
+
+
 def files(folder: Path) -> list[Path]:
     return sorted(file.relative_to(folder) for file in folder.rglob("*.py"))
 
