@@ -29,7 +29,6 @@ from app.jobs.training import (
     simulate,
     train_and_test,
     train_on_flights,
-    train_on_simulator,
 )
 from app.recipes import labels
 from app.recipes.recipes import (
@@ -151,7 +150,9 @@ def run(options: argparse.Namespace) -> int:
     with executor_at(options.scheduler) as executor:
         dataset = simulated(recipe.dataset, executor)
         with stage_bar("training") as show:
-            training = train_and_test(dataset, recipe.monitor, recipe.n_test, show, choose=choose)
+            training = train_and_test(
+                dataset, recipe.monitor, recipe.n_test, show, executor, choose=choose
+            )
     return _finish(options, training, dataset)
 
 
@@ -171,8 +172,8 @@ def run_on_simulator(options: argparse.Namespace) -> int:
         flights = dataset.flights()
         test.flown_by.check_unlike(flights.y)
         with stage_bar("training") as show:
-            training = train_on_simulator(
-                dataset, recipe, test, n_test, show, executor, choose=choose
+            training = train_and_test(
+                dataset, recipe, n_test, show, executor, test=test, choose=choose
             )
     found = (*doubts_of(flights), *beyond_plausible(dataset.dictionary, flights.y))
     if redrawn := getattr(test.flown_by.own, "redrawn", ""):

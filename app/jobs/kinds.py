@@ -73,8 +73,9 @@ def train_monitor(task: Task, request: MonitorRequest, store: Store) -> Result:
     else:
         dataset = simulate(requested, task.progress, task.executor)
         dataset_id = store.datasets.add(dataset, dataset_name(requested)).id
+    recipe, n_test = request.recipe, request.n_test
     training = train_and_test(
-        dataset, request.recipe, request.n_test, task.progress, choose=request.choose
+        dataset, recipe, n_test, task.progress, task.executor, choose=request.choose
     )
     task.progress("storing", task.done, task.total)
     info = store.monitors.add(training.monitor, request.name, dataset_id)

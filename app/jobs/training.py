@@ -195,84 +195,81 @@ def train_and_test(
     recipe: MonitorRecipe,
     n_test: int,
     progress: Progress,
+    executor: Executor | None = None,
     *,
+    test: SimulatedTest | None = None,
     choose: bool = False,
 ) -> Training:
     """Train a monitor, calibrate its validity, and test it on n_test fresh flights.
 
-    A dataset without a recipe is split instead, see `train_on_flights`. choose: as there, and in
-    `train_on_simulator`; the method of a linear aircraft with limits is the recipe's.
+    executor: flies them, see `collect`.
+    test: that of the dataset; default: by its recipe. Without one the dataset is split, see
+    `train_on_flights`.
+    choose: choose the method by fresh flights; else, and for a linear aircraft with limits, it is
+    that of the recipe.
     """
-    simulated = simulated_test(dataset.recipe)
-    if simulated is None:
+    test = test or simulated_test(dataset.recipe)
+    if test is None:
         return train_on_flights(dataset, recipe, choose, progress)
-    if not isinstance(simulated, DatasetRecipe) or simulated.margins.label:
-        return train_on_simulator(dataset, recipe, simulated, n_test, progress, choose=choose)
     progress("training", 0, 3)
-    card = card_of(simulated) if recipe.predictor.forecast == "card" else None
-    failures = rollouts = None
-    near: list[Rollouts] = []
-    if recipe.predictor.forecast == "ensemble":
-        failures = _fresh_failures(replace(simulated, groups=recipe.groups), progress)
-    if recipe.is_near:
-        rollouts, near = near_rollouts(simulated), _near_failures(simulated, progress)
-    monitor = train(dataset, recipe, card=card, rollouts=rollouts, failures=failures, near=near)
-    monitor.check_epsilon()
-    monitor, not_calibrated = _with_validity(monitor, dataset, simulated, progress)
+    methods, n_more = dict[str, Any](), 0
+    if isinstance(test, DatasetRecipe) and not test.margins.label:
+        monitor = _trained_on_linear(dataset, recipe, test, progress)
+    else:
+        monitor, methods, n_more = _trained(dataset, recipe, test, progress, executor, choose)
+    monitor, not_calibrated = _with_validity(monitor, dataset, test, progress, executor)
     if n_test == 0:
         return Training(dataset, monitor, not_calibrated=not_calibrated)
     progress(f"certifying on {n_test} fresh flights", 2, 3)
-    monitor, test = with_test(monitor, simulated, n_test, dataset.unsafe_rate)
+    monitor, flown = with_test(monitor, test, n_test, dataset.unsafe_rate, executor)
+    if isinstance(test, OwnTest):
+        support = monitor.support
+        n_valid = 0 if support is None else len(support.safe) + len(support.unsafe)
+        n_learned = len(dataset.unsafe) + len(dataset.safe) + n_more
+        counts = zip(PARTS, (n_learned, choose * CHOICE_FLIGHTS, n_valid, n_test), strict=True)
+        own = {"simulator": test.flown_by.name, "flights": {part: n for part, n in counts if n}}
+        methods = methods | own
+    monitor = replace(monitor, evaluation=(monitor.evaluation or {}) | methods)
     progress("done", 3, 3)
-    return Training(dataset, monitor, test, not_calibrated)
+    return Training(dataset, monitor, flown, not_calibrated)
 
 
-def train_on_simulator(
+def _trained_on_linear(
+    dataset: Dataset, recipe: MonitorRecipe, test: DatasetRecipe, progress: Progress
+) -> Monitor:
+    card = card_of(test) if recipe.predictor.forecast == "card" else None
+    failures = rollouts = None
+    near: list[Rollouts] = []
+    if recipe.predictor.forecast == "ensemble":
+        failures = _fresh_failures(replace(test, groups=recipe.groups), progress)
+    if recipe.is_near:
+        rollouts, near = near_rollouts(test), _near_failures(test, progress)
+    monitor = train(dataset, recipe, card=card, rollouts=rollouts, failures=failures, near=near)
+    monitor.check_epsilon()
+    return monitor
+
+
+def _trained(
     dataset: Dataset,
     recipe: MonitorRecipe,
     test: SimulatedTest,
-    n_test: int,
     progress: Progress,
-    executor: Executor | None = None,
-    *,
-    choose: bool = False,
-) -> Training:
-    """Train a monitor on rollouts of an own simulator or a nonlinear aircraft, and test it on
-    n_test fresh ones.
-
-    executor: flies an own simulator, see `collect`.
-    choose: choose the method by fresh flights; else that of the recipe is used.
-    """
+    executor: Executor | None,
+    choose: bool,
+) -> tuple[Monitor, dict[str, Any], int]:
+    """A monitor, the methods tried, and the number of flights that taught it beside the dataset."""
     recipe = recipe.as_planned()
-    progress("training", 0, 3)
     learning, failures = training_rollouts(test, executor=executor), None
     if choose or recipe.predictor.forecast == "ensemble":
         grouped = test if isinstance(test, OwnTest) else replace(test, groups=recipe.groups)
         failures = _fresh_failures(grouped, progress, executor)
     choosing = None
     if choose:
+        progress(f"trying the methods on {CHOICE_FLIGHTS} fresh flights", 0, 3)
         tried = evaluation_flights(test, CHOICE_FLIGHTS, Branch.CHOICE, executor)
         choosing = replace(dataset.flights(), **tried._asdict())
-    if choosing is not None:
-        progress(f"trying the methods on {len(choosing.y)} fresh flights", 0, 3)
     monitor, methods = _learned(dataset, recipe, choosing, learning, failures)
-    monitor, not_calibrated = _with_validity(monitor, dataset, test, progress, executor)
-    if n_test == 0:
-        return Training(dataset, monitor, not_calibrated=not_calibrated)
-    progress(f"certifying on {n_test} fresh flights", 2, 3)
-    monitor, flown = with_test(monitor, test, n_test, dataset.unsafe_rate, executor)
-    monitor = replace(monitor, evaluation=(monitor.evaluation or {}) | methods)
-    progress("done", 3, 3)
-    if not isinstance(test, OwnTest):
-        return Training(dataset, monitor, flown, not_calibrated)
-    support = monitor.support
-    n_valid = 0 if support is None else len(support.safe) + len(support.unsafe)
-    n_learned = len(dataset.unsafe) + len(dataset.safe) + len(learning.y)
-    n_learned += 0 if failures is None else len(failures.y)
-    counts = zip(PARTS, (n_learned, choose * CHOICE_FLIGHTS, n_valid, n_test), strict=True)
-    own = {"simulator": test.flown_by.name, "flights": {part: n for part, n in counts if n}}
-    monitor = replace(monitor, evaluation=(monitor.evaluation or {}) | own)
-    return Training(dataset, monitor, flown, not_calibrated)
+    return monitor, methods, len(learning.y) + (0 if failures is None else len(failures.y))
 
 
 def _learned(

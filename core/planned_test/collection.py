@@ -135,7 +135,7 @@ def evaluation_flights(
 
     executor: see `_batches`; flights that can be stopped are one batch, for `stopping_flights`.
     """
-    if isinstance(recipe, OwnTest) and not isinstance(recipe.simulator(), Stops):
+    if not isinstance(recipe.simulator(), Stops):
         return _joined([*_batches(recipe, n, branch, executor)])
     return recipe.simulator().rollouts(n, stream(recipe.seed, branch))
 
@@ -214,13 +214,13 @@ def _batches(
 ) -> Iterator[Rollouts]:
     """Batches of flights on demand, `most` flights in total.
 
-    executor: rolls out those of an own simulator, a few ahead, each with a random stream of its
-    own. Other simulators are fast, and one stream draws all their flights.
+    executor: rolls them out, a few ahead, each with a random stream of its own. A linear aircraft
+    is fast, and one stream draws all its flights.
     """
     size = min(FRESH_BATCH, recipe.most_at_once)
     sizes = [min(size, most - made) for made in range(0, most, size)]
     simulator = recipe.simulator()
-    if not isinstance(recipe, OwnTest):
+    if isinstance(recipe, DatasetRecipe):
         rng = stream(recipe.seed, branch)
         yield from (simulator.rollouts(n, rng) for n in sizes)
         return

@@ -13,7 +13,7 @@ import pytest
 from app.assessment.batches import Batch, ChannelReader
 from app.assessment.recorded import in_units
 from app.cli import main
-from app.jobs.training import train_on_flights, train_on_simulator
+from app.jobs.training import train_and_test, train_on_flights
 from app.telemetry.limit_texts import computed_channel
 from app.telemetry.recording import Trace, Traces
 from app.telemetry.timing.repair import repair
@@ -95,7 +95,7 @@ def trained(dictionary: Dictionary, simulated: bool) -> Monitor:
     """On flights of these channels: given ones, or those of a simulator."""
     if simulated:
         test = small_test(thing, n_unsafe=400, max_rollouts=5_000)
-        training = train_on_simulator(collect(test), MonitorRecipe(), test, 500, lambda *_: None)
+        training = train_and_test(collect(test), MonitorRecipe(), 500, lambda *_: None, test=test)
         return training.monitor
     dataset = Dataset.from_flights(flights(dictionary, 1600, 1))
     return train_on_flights(dataset, MonitorRecipe(), False, lambda *_: None).monitor

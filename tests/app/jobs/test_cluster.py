@@ -14,10 +14,11 @@ from app.cli import main
 from app.jobs import cluster
 from app.jobs.cluster import ClusterError, executor_at
 from app.jobs.jobs import Jobs
-from app.jobs.training import train_on_simulator
+from app.jobs.training import train_and_test
 from app.store.store import open_store
 from core.monitor import MonitorRecipe
-from core.planned_test.collection import DatasetRecipe, collect
+from core.planned_test.collection import DatasetRecipe, SimulatedTest, collect
+from core.planned_test.nonlinear_test import NonlinearTest
 from tests.support.own_pitch import pitch, small_test
 from tests.support.patience import until
 
@@ -121,10 +122,11 @@ def test_a_cancelled_job_leaves_the_cluster_to_others(dask_cluster: Any, tmp_pat
 
 
 @pytest.mark.services
-def test_an_own_simulator_is_trained_on_a_cluster_as_here(dask_cluster: Any) -> None:
-    test = small_test(pitch, n_unsafe=40)
-    plan = MonitorRecipe(epsilon=0.2), test, 100, lambda *_: None
-    here = train_on_simulator(collect(test), *plan).monitor
+@pytest.mark.parametrize("test", [small_test(pitch, n_unsafe=40), NonlinearTest(n_unsafe=40)])
+def test_a_monitor_is_trained_on_a_cluster_as_here(dask_cluster: Any, test: SimulatedTest) -> None:
+    plan = MonitorRecipe(epsilon=0.2), 100, lambda *_: None
+    here = train_and_test(collect(test), *plan, test=test, choose=True).monitor
     with executor_at(dask_cluster.scheduler_address) as executor:
-        there = train_on_simulator(collect(test, executor=executor), *plan, executor).monitor
+        dataset = collect(test, executor=executor)
+        there = train_and_test(dataset, *plan, executor, test=test, choose=True).monitor
     assert there.to_bytes() == here.to_bytes()
