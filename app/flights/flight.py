@@ -16,14 +16,13 @@ import numpy as np
 
 from app.assessment.grid import Angles, IntegratedAngles
 from app.assessment.input_checks import Doubt
-from app.assessment.limits_in_force import LimitsInForce, LimitsRuling, RequestedLimits
+from app.assessment.limits_in_force import LimitsInForce, RequestedLimits
 from app.assessment.monitors_in_use import MonitorRuling, MonitorsInUse
 from app.assessment.rulings import InForceFrom, Ruling
 from app.flights.alarms import Alarms
 from app.flights.clock import Clock, Timer
 from app.flights.display_monitors import DisplayMonitor, flown_monitor, no_rest
-from app.flights.flight_limits import status_of
-from app.flights.flight_monitors import member, set_status
+from app.flights.flight_limits import NO_SAMPLE, InForce
 from app.flights.planned_card import planned_card
 from app.flights.recorder import Recorder
 from app.flights.screens import Screens
@@ -46,26 +45,21 @@ from app.messages import (
     AlarmRaised,
     CardAhead,
     CardPoint,
-    ChannelLimit,
     End,
     FlownMonitor,
     Heartbeat,
     Hello,
     LimitsChange,
-    LimitsFrom,
-    LimitsStatus,
     LiveStatus,
     ManoeuvreBegun,
     MarkerSet,
     Mode,
     MonitorChange,
-    MonitorSetStatus,
     StateChange,
     StatusChange,
     TransportState,
     Verdict,
     encode_frame,
-    limited_channels,
     plain_ahead,
     plain_frame,
     validity_word,
@@ -73,11 +67,6 @@ from app.messages import (
 from app.scene.shown import KnownAngles, Shown
 from core.flight_events import FLIGHT_MARKERS, Alarm, FlightMarker, FlightMarkerKey
 from core.limits.exceedance import Exceedances, Exceeded
-from core.limits.limits import (
-    Envelope,
-    Specification,
-    specification_to_plain,
-)
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import Cause
 from core.monitor.peak_forecast import Ahead
@@ -91,11 +80,8 @@ LOG = logging.getLogger("forewarn")
 HEARTBEAT_S = 1.0
 AHEAD_S, UNWATCHED_AHEAD_S = 0.1, 0.5
 """[s] of flight between two forecasts of the rest of the card, and while no one watches."""
-MOST_HELD = 200
-"""Newest changes of the limits that a joining watcher receives."""
 MARKERS_KEPT = 50
 """Stored markers that a flight keeps in memory; the store has all."""
-NO_SAMPLE = "no sample yet"
 NOTHING_COMES = "no sample comes"
 """Reason of a stale flight without new samples; each display adds the age."""
 STALE_INTERVALS, STALE_S = 3.0, 0.25
@@ -183,10 +169,7 @@ class Flight(ABC):
         self.recorder, self.alarms, self.clock = recorder, Alarms(self._longest), clock
         self.markers: dict[int, FlightMarker] = {}
         self.limits_at_hand: list[LimitsInForce] = []
-        self._ruling: Ruling | None = None
-        self._authority = plan.authority
-        self._held_since: float | None = None
-        self._is_undated = False
+        self.in_force = InForce(plan.authority, plan.monitors)
         self.is_over = False
         self.t = 0.0
         self.state, self.reason, self._late = State.WARMING_UP, NO_SAMPLE, ""
@@ -199,11 +182,8 @@ class Flight(ABC):
         keys = monitor.dictionary.keys
         rest = np.zeros(len(keys)) if monitor.envelope is None else monitor.envelope.rest
         self.exceedances = Exceedances(dict(zip(keys, rest.tolist(), strict=True)), self._near)
-        self._limits_held: deque[LimitsFrom] = deque(maxlen=MOST_HELD)
-        self._limits_of_record: deque[LimitsFrom] = deque(maxlen=MOST_HELD)
-        self._alert_above = plan.monitor.alert_above(plan.epsilon)
         self._on_over = on_over
-        self._recent = RecentFrames(held=lambda: list(self._limits_held))
+        self._recent = RecentFrames(held=lambda: list(self.in_force.changes))
         self._watchers: set[Watcher] = set()
         self._screens = Screens()
         self._timers: dict[str, Timer] = {}
@@ -248,13 +228,13 @@ class Flight(ABC):
     @property
     def monitors(self) -> list[FlownMonitor]:
         """The alarm authority, then the monitors for display."""
-        delay, authority = self.plan.monitor.lead - self.lead, self._authority
+        delay, authority = self.plan.monitor.lead - self.lead, self.in_force.authority
         return [
             flown_monitor(
                 *shown,
                 shown.warnings,
                 delay=delay,
-                is_authority=shown is authority and self._is_authority_in_use,
+                is_authority=shown is authority and self.in_force.has_authority,
             )
             for shown in (authority, *self.plan.display)
         ]
@@ -262,35 +242,7 @@ class Flight(ABC):
     @property
     def monitor_id(self) -> str | None:
         """Of the alarm authority; None while there is none."""
-        return self._authority.id if self._is_authority_in_use else None
-
-    @property
-    def _is_authority_in_use(self) -> bool:
-        """False between the conditions of a monitor set, and before the first sample on it."""
-        ruling = self._ruling
-        if self.plan.monitors is None:
-            return True
-        return isinstance(ruling, MonitorRuling) and ruling.used is not None
-
-    @property
-    def limits(self) -> LimitsStatus | None:
-        ruling = self._ruling
-        return status_of(ruling, self._held_since) if isinstance(ruling, LimitsRuling) else None
-
-    @property
-    def monitor_set(self) -> MonitorSetStatus | None:
-        """The monitor set of the flight and the monitor in use; None without a set."""
-        if self.plan.monitors is None:
-            return None
-        ruling = self._ruling
-        if not isinstance(ruling, MonitorRuling):
-            return set_status(self.plan.monitors, "", NO_SAMPLE)
-        widest = ruling.limits if ruling.beyond else None
-        return set_status(self.plan.monitors, ruling.case, ruling.reason, widest)
-
-    @property
-    def limits_held(self) -> list[LimitsFrom]:
-        return list(self._limits_of_record)
+        return self.in_force.authority.id if self.in_force.has_authority else None
 
     @property
     def live(self) -> LiveStatus | None:
@@ -447,87 +399,44 @@ class Flight(ABC):
 
         t: of its first sample [s]; None for all samples or before the next one.
         """
-        if ruling is self._ruling:
+        if ruling is self.in_force.ruling:
             return
-        monitors = self._plain_limits(None)
-        if not self._limits_held and monitors is not None:
-            self._limits_held.append(LimitsFrom(t=None, limits=monitors))
-        self._is_undated = t is None and self.head >= 0
-        since = self.t + self.dt if self._is_undated else t
-        self._limits_held.append(self._limits_from(since, ruling))
+        is_undated = t is None and self.head >= 0
+        since = self.t + self.dt if is_undated else t
+        self.in_force.note(ruling, since, is_undated=is_undated)
         self._change(ruling, since)
-
-    def _date_limits(self, t: float) -> None:
-        """The first sample under the newest limits, put in force by hand, is at t [s]."""
-        self._is_undated, self._held_since = False, t
-        for held in (self._limits_held, self._limits_of_record):
-            held[-1] = held[-1].model_copy(update={"t": t})
 
     def _change(self, ruling: Ruling | None, since: float | None) -> None:
         """Apply, record and announce a ruling; None for the monitor's own limits.
 
         since: time of the first sample under it [s]; None for all samples.
         """
-        record, monitors = self._limits_of_record, self._plain_limits(None)
-        if not record and monitors is not None:
-            record.append(LimitsFrom(t=None, limits=monitors, seq=0))
-        held = self._limits_from(since, ruling)
-        record.append(held.model_copy(update={"seq": self.head + 1}))
-        self._ruling, self._held_since = ruling, since
+        change = self.in_force.use(ruling, since, self.head + 1)
         if isinstance(ruling, MonitorRuling):
-            self._use(ruling)
-            self._broadcast(MonitorChange(held=held, **self._authority_facts).encode())
+            if ruling.used is not None:
+                self.is_checked = self.in_force.authority.monitor.support is not None
+            self._broadcast(MonitorChange(held=change, **self._authority_facts).encode())
             return
-        self._broadcast(LimitsChange(limits=self.limits, channels=self._channels).encode())
-
-    def _use(self, ruling: MonitorRuling) -> None:
-        """The monitor in use becomes the alarm authority; the last one stays where none is."""
-        if ruling.used is not None:
-            self._authority = shown = member(ruling.in_use, ruling.used)
-            self._alert_above = shown.monitor.alert_above(shown.epsilon)
-            self.is_checked = shown.monitor.support is not None
-
-    def _limits_from(self, t: float | None, ruling: Ruling | None) -> LimitsFrom:
-        monitor = ruling.monitor_id if isinstance(ruling, MonitorRuling) else ""
-        return LimitsFrom(t=t, limits=self._plain_limits(ruling), monitor=monitor)
-
-    @property
-    def _channels(self) -> list[ChannelLimit]:
-        return limited_channels(self.plan.monitor.dictionary, self._specification)
+        status, channels = self.in_force.status, self.in_force.channels
+        self._broadcast(LimitsChange(limits=status, channels=channels).encode())
 
     @property
     def _authority_facts(self) -> dict[str, Any]:
         """The alarm authority, as sent."""
-        authority_id, name, monitor, epsilon = self._authority
+        authority_id, name, monitor, epsilon = self.in_force.authority
         return {
-            "channels": self._channels,
+            "channels": self.in_force.channels,
             "epsilon": epsilon,
             "guarantee": monitor.recipe.guarantee,
             "n_unsafe": monitor.n_unsafe,
             "validity": validity_word(self.is_checked),
-            "monitor": {"id": authority_id, "name": name} if self._is_authority_in_use else None,
+            "monitor": {"id": authority_id, "name": name} if self.in_force.has_authority else None,
             "monitors": self.monitors,
-            "warnings": self._authority.warnings,
+            "warnings": self.in_force.authority.warnings,
             "card": planned_card(monitor, self.plan.points.get(authority_id)),
             "no_rest": no_rest(monitor),
-            "monitor_set": self.monitor_set,
+            "monitor_set": self.in_force.monitor_set,
         }
-
-    def _plain_limits(self, ruling: Ruling | None) -> Any:
-        """The limits of a ruling by channel; None if unknown."""
-        specification = self.plan.monitor.specification if ruling is None else ruling.specification
-        plain = specification_to_plain(specification)
-        return plain if isinstance(plain, dict) else None
-
-    @property
-    def _limits(self) -> Envelope | None:
-        """Limits in force; None if unknown."""
-        return self.plan.monitor.envelope if self._ruling is None else self._ruling.limits
-
-    @property
-    def _specification(self) -> Specification:
-        ruling = self._ruling
-        return self.plan.monitor.specification if ruling is None else ruling.specification
 
     def _note_marker(self, number: int, is_stored: bool) -> None:
         if is_stored:
@@ -565,14 +474,14 @@ class Flight(ABC):
             cause=self.cause,
             **self._current,
             exceedances=self.exceedances.of_channels,
-            held=list(self._limits_held),
+            held=list(self.in_force.changes),
             head=self.head,
             alarms=self.alarms.at_hand,
             markers=list(self.markers.values()),
             marker_kinds=list(FLIGHT_MARKERS.values()),
             credit=CREDIT,
             live=self.live,
-            limits=self.limits,
+            limits=self.in_force.status,
         ).encode()
 
     # --- flying -------------------------------------------------------------------------------
@@ -596,7 +505,7 @@ class Flight(ABC):
         self.recorder.add(seq, y, assessment, display)
         self._follow(y, assessment, exceedance, attitude, display, round(due * 1e3, 3))
         about = assessment, exceedance, self.clock, self._late
-        beyond = "; ".join(filter(None, (beyond_of(self._ruling), remark)))
+        beyond = "; ".join(filter(None, (beyond_of(self.in_force.ruling), remark)))
         if raised := self.alarms.update(seq, index, *about, beyond=beyond):
             self._raise_alarms(raised)
         if self._has_new_evidence:
@@ -612,8 +521,8 @@ class Flight(ABC):
         sent: float | None = None,
     ) -> None:
         """Update the display with one sample. sent: monotonic milliseconds; None for an old one."""
-        if self._is_undated:
-            self._date_limits(assessment.t)
+        if self.in_force.is_undated:
+            self.in_force.date(assessment.t)
         if self._late:
             self._set_state(State.STALE, self._late)
         else:
@@ -627,7 +536,7 @@ class Flight(ABC):
         self.t, self._assessment, self._pose = assessment.t, assessment, (attitude, y)
         self._exceeds = exceedance is not None
         at, named = (assessment.t, None) if exceedance is None else exceedance
-        self.exceedances.update(at, y, self._limits, named)
+        self.exceedances.update(at, y, self.in_force.limits, named)
 
     def _ahead_of(self, assessment: Assessment) -> Ahead | None:
         """Forecast of the rest of the card, from time to time and at the last sample."""
@@ -733,17 +642,15 @@ class Flight(ABC):
         held: limits in force for the samples of the source up to that one; empty for the current
         ones, whatever the time.
         """
-        if self._is_undated:
-            self._date_limits(t)
+        if self.in_force.is_undated:
+            self.in_force.date(t)
         for watcher in self._watchers:
             watcher.before_reset()
         self.alarms.restart()
         self.exceedances.restart()
-        newest = [held.model_copy(update={"t": None}) for held in list(self._limits_held)[-1:]]
-        of_source = [self._limits_from(*each) for each in held]
-        self._limits_held = deque(of_source or newest, MOST_HELD)
+        self.in_force.restart(held)
         self._broadcast(self._recent.restart(t))
-        if held and held[-1].ruling is not self._ruling:
+        if held and held[-1].ruling is not self.in_force.ruling:
             self._change(held[-1].ruling, held[-1].t)
 
     def _show(self) -> None:
@@ -762,7 +669,7 @@ class Flight(ABC):
             self._value(y, "delta_a"),
             self._value(y, "delta_r"),
             None if is_stale else assessment.p_value,
-            self._alert_above,
+            self.in_force.alert_above,
             bool(assessment.alert) and not is_stale,
             self.state,
             self.reason,

@@ -335,8 +335,9 @@ class Flights:
                     await asyncio.to_thread(self._scenes.close, flight_id)
                 ending.has_stopped = True
             try:
-                result = flight.exceeded_t, flight.exceedances.of_channels, flight.limits_held
-                await flight.recorder.complete(ending.status, *result, flight.journal_digest)
+                result = flight.exceeded_t, flight.exceedances.of_channels
+                held = list(flight.in_force.of_record)
+                await flight.recorder.complete(ending.status, *result, held, flight.journal_digest)
             except StoreError:
                 self._stop_later(flight_id, ending)
                 raise

@@ -374,9 +374,6 @@ async def _statuses(
 NOW = (
     "head",
     "monitors",
-    "monitor_set",
-    "limits",
-    "limits_held",
     "theta",
     "fail_t",
     "state",
@@ -414,6 +411,9 @@ def _status(
     if flight is not None:
         known |= {name: getattr(flight, name) for name in NOW} | {
             "monitor": flight.monitor_id,
+            "monitor_set": flight.in_force.monitor_set,
+            "limits": flight.in_force.status,
+            "limits_held": list(flight.in_force.of_record),
             "transport": flight.transport,
             "watchers": flight.n_watchers,
             "open_alarms": flight.alarms.n_open(Level.WARNING),

@@ -136,7 +136,9 @@ async def list_flight_limits(
         flown = flights.get(flight_id)
         unknown = [LimitsFrom(t=None, limits=None)]
         held = unknown if info.limits_held is None else info.limits_held
-        return flown.limits_held if flown else [LimitsFrom.model_validate(each) for each in held]
+        if flown is not None:
+            return list(flown.in_force.of_record)
+        return [LimitsFrom.model_validate(each) for each in held]
     stored = await asyncio.to_thread(flights.store.limit_sets.of_flights, [flight_id])
     in_store = {change.number: change for change in stored.get(flight_id, [])}
     flight = flights.get(flight_id)
@@ -156,6 +158,6 @@ async def put_in_force(
     by = signature(person, request.by)
     about = request.limit_set, request.version, request.fixed, by
     await flights.put_in_force(flight_id, *about)
-    limits = flights.flying(flight_id).limits
+    limits = flights.flying(flight_id).in_force.status
     assert limits is not None
     return limits

@@ -104,7 +104,7 @@ def test_limits_that_no_value_can_exceed_are_not_put_in_force(run: Callable) -> 
             flight = await place.fly(flights, monitor=own, limit_set_version=1)
             with pytest.raises(TelemetryError, match="35"):
                 await flights.put_in_force(flight.id, beyond, None, {}, "Ben")
-            assert flight.limits.limit_set == place.limits
+            assert flight.in_force.status.limit_set == place.limits
             with pytest.raises(TelemetryError, match="no value would exceed it"):
                 await place.fly(flights, monitor=own, limit_set=beyond)
 
@@ -123,7 +123,7 @@ def test_other_limits_hold_from_the_next_sample_on(run: Callable) -> None:
             place.clock.advance(0.995)
             changed = flight.head + 1
             await flights.put_in_force(flight.id, place.limits, 2, {}, "Ben")
-            now = flight.limits
+            now = flight.in_force.status
             assert (now.version, now.by, now.seq) == (2, "Ben", changed)
             place.clock.advance(9.0)
             await flights.stop(flight.id)
@@ -170,7 +170,7 @@ def test_the_set_s_own_limits_leave_every_bit_as_it_is(run: Callable) -> None:
             assert said[0] == said[1]
             alarms = [await flights.records.alarms(f.id) for f in (flight, plain)]
             assert [[a.kind for a in one] for one in alarms] == [["risk", "limit"]] * 2
-            assert flight.limits.case == "slow"
+            assert flight.in_force.status.case == "slow"
 
     run(test)
 
@@ -182,7 +182,7 @@ def test_limits_that_cannot_be_told_are_never_calm(run: Callable) -> None:
             flight = await place.fly(flights, monitor=own)
             place.clock.advance(1.0)
             assert flight.reason == "limits unknown: Mach number is missing"
-            assert flight.limits.limits is None
+            assert flight.in_force.status.limits is None
             said = headline(Facts(invalid=True))
             assert in_words(said, flight.cause) == "LIMITS UNKNOWN"
             assert [one.limits and one.limits["Ny"] for one in flight.monitors] == [0.5]
@@ -215,7 +215,7 @@ def assert_it_knows_its_limits_where_it_is_sought(replay: Any) -> None:
         assert hello["channels"][3]["limit"] == changes[n - 1][1]
     now = seen.of("limits")[-1]["limits"]
     assert (now["case"], now["since"]) == ("fast", T[30])
-    record = [one for one in replay.limits_held if one.seq >= first]
+    record = [one for one in replay.in_force.of_record if one.seq >= first]
     told = [(one.seq - first, one.limits and one.limits["Ny"]) for one in record]
     assert told == [(0, None), (1, 0.4), (2, 0.5), (3, 0.4)]
 
@@ -232,13 +232,13 @@ def test_limits_put_in_force_by_hand_carry_the_time_of_their_first_sample(run: C
             for k in (0, 1, 2, 5, 6):
                 if k == 5:
                     await flights.put_in_force(flight.id, place.limits, 1, {"mach": 0.9}, "Ben")
-                    assert flight.limits_held[-1].t == pytest.approx(T[3])
+                    assert flight.in_force.of_record[-1].t == pytest.approx(T[3])
                 place.clock.advance(DT)
                 sample = {"t": T[k]} | dict.fromkeys(KEYS, 0.0)
                 await flight.receive(json.dumps(sample), "rest").stored
-            held = [(one.seq, one.t) for one in flight.limits_held]
+            held = [(one.seq, one.t) for one in flight.in_force.of_record]
             assert held == [(0, None), (3, T[5])]
-            assert flight.limits.since == T[5]
+            assert flight.in_force.status.since == T[5]
             earlier = {"t": 0.1, "limits": None, "first": 0.15, "seq": 3}
             assert LimitsFrom.model_validate(earlier).t == 0.15
             assert LimitsFrom.model_validate(earlier | {"first": None}).t == 0.1
@@ -268,8 +268,8 @@ def test_a_measured_condition_chooses_the_limits_and_the_journal_says_the_same(
                 await push(flight, k)
         async with place.flights() as flights:
             again = await flights.live(flight.id)
-            assert again.limits is not None
-            assert (again.limits.case, again.limits.since) == ("fast", T[30])
+            assert again.in_force.status is not None
+            assert (again.in_force.status.case, again.in_force.status.since) == ("fast", T[30])
             for k in range(40, 50):
                 await push(again, k)
             await flights.put_in_force(flight.id, place.limits, 1, {}, "Ben")
@@ -330,7 +330,7 @@ def test_an_implausible_condition_counts_as_none(run: Callable) -> None:
             words = []
             for k, mach in enumerate((0.6, -1.0, 10.5, 0.7)):
                 await push(place, flight, k, mach=mach)
-                words.append((flight.limits.case, flight.limits.reason))
+                words.append((flight.in_force.status.case, flight.in_force.status.reason))
             assert flight.live.condition["mach"] == 0.7
         implausible = ("", "limits unknown: Mach number is implausible")
         assert words == [("slow", ""), implausible, implausible, ("slow", "")]
@@ -357,7 +357,7 @@ def test_a_source_that_contradicts_a_declared_condition_is_a_caution(run: Callab
             found = []
             for k, mach in enumerate((0.6, 0.7, 0.9, 0.91, 0.7)):
                 await push(place, flight, k, mach=mach)
-                assert flight.limits.case == "slow"
+                assert flight.in_force.status.case == "slow"
                 found.append([doubt.reason for doubt in flight.doubts])
             said = "at 0.10 s Mach number 0.6 is declared, the source sends 0.9"
             assert found == [[], [], [said], [said], []]

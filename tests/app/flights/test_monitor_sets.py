@@ -139,7 +139,7 @@ def test_the_monitor_of_the_condition_is_used_with_a_fresh_history(run: Callable
     async def test(place: Range) -> None:
         async with place.flights() as flights:
             flight = await place.fly(flights, condition={"mach": "air/M"})
-            assert (flight.monitor_set.case, flight.monitor_set.reason) == (
+            assert (flight.in_force.monitor_set.case, flight.in_force.monitor_set.reason) == (
                 "",
                 "not applicable: Mach number is missing",
             )
@@ -162,8 +162,8 @@ def test_the_monitor_of_the_condition_is_used_with_a_fresh_history(run: Callable
             assert alert_above == [slow.alert_above(), fast.alert_above()]
         async with place.flights() as flights:
             again = await flights.live(flight.id)
-            assert again.monitor_set is not None
-            assert again.monitor_set.case == "fast"
+            assert again.in_force.monitor_set is not None
+            assert again.in_force.monitor_set.case == "fast"
             await place.push(again, 30, N, "air/M")
             await flights.stop(flight.id)
             frames = await flights.records.frames(flight.id, 0, 1000)
@@ -183,7 +183,7 @@ def test_the_monitor_of_the_condition_is_used_with_a_fresh_history(run: Callable
             assert [f["reason"] for f in replayed] == [f["reason"] for f in frames]
             assert [f["p_value"] for f in replayed] == [f["p_value"] for f in frames]
             replay.act("seek", float(T[30]))
-            assert replay.monitor_set.case == "fast"
+            assert replay.in_force.monitor_set.case == "fast"
             alone, _ = flights.preparation.rescored(flight.id, place.slow, None)
             assert not alone.is_as(place.store.flights.assessments(flight.id))
             with pytest.raises(SourceError, match="leave it out"):
@@ -258,7 +258,7 @@ def test_each_monitor_is_judged_by_its_own_limits(run: Callable) -> None:
             assert seen.of("monitor")[-1]["channels"][3]["limit"] is None
             shared = await place.fly(flights)
             assert shared.watch() is not None
-            assert next(c.limit for c in shared._channels if c.key == "Ny") == 0.5
+            assert next(c.limit for c in shared.in_force.channels if c.key == "Ny") == 0.5
 
     run(test)
 
@@ -277,8 +277,8 @@ def test_beyond_the_limit_of_every_monitor_exceeds_between_the_conditions(run: C
             (alarm,) = (each for each in flight.alarms.at_hand if each.kind == "limit")
             assert alarm.exceedance.limit == 0.5
             assert alarm.reason == "beyond the limit of every monitor of the set"
-            assert flight.monitor_set.widest == {"Ny": SafeInterval(low=-0.5, high=0.5)}
-            assert next(c.limit for c in flight._channels if c.key == "Ny") is None
+            assert flight.in_force.monitor_set.widest == {"Ny": SafeInterval(low=-0.5, high=0.5)}
+            assert next(c.limit for c in flight.in_force.channels if c.key == "Ny") is None
 
     run(test)
 
@@ -359,7 +359,7 @@ def test_a_declared_condition_chooses_the_monitor_of_a_simulated_flight(run: Cal
             flight = await place.fly(flights, source=source, condition={"mach": 0.9})
             place.clock.advance(5.0)
             await flights.stop(flight.id)
-            assert flight.monitor_set.case == "fast"
+            assert flight.in_force.monitor_set.case == "fast"
             stored = place.store.flights.assessments(flight.id)
             expected = fast_monitor().assess(stored.t, stored.y)
             np.testing.assert_array_equal(stored.p_value, expected.p_value)
