@@ -23,6 +23,7 @@ from app.access.sessions import Sessions
 from app.demonstration import Demonstration
 from app.flights.clock import MonotonicClock
 from app.flights.flights import Flights
+from app.flights.follower import Follower
 from app.flights.sources.udp import UdpAccess
 from app.flights.watcher import FrameTicks
 from app.http.document import TAGS, describe_arrays, describe_examples, describe_names
@@ -124,8 +125,16 @@ class Application(FastAPI):
         return super().openapi()
 
 
-def create_app(settings: Settings | None = None) -> FastAPI:
-    """The application; store, jobs and flights open with its lifespan."""
+def follower_of(settings: Settings) -> Follower:
+    """Follows the flights of the server that owns the database now."""
+    return Follower(settings.url, Journals(settings.data_dir / "live"))
+
+
+def create_app(settings: Settings | None = None, follower: Follower | None = None) -> FastAPI:
+    """The application; store, jobs and flights open with its lifespan.
+
+    follower: has followed the flights of the server that it takes over from.
+    """
     settings = settings or Settings()
     app = Application(
         title="Forewarn",
@@ -141,7 +150,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         telemetry={"tracing": False, "metrics": False},
         routes=[*_routes()],
     )
-    app.state.settings = settings
+    app.state.settings, app.state.follower = settings, follower
     app.state.metrics = Metrics()
     app.state.people = People(settings.token)
     app.state.sessions = Sessions(settings.session_seconds)
@@ -200,7 +209,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
 async def _parts(app: FastAPI) -> AsyncIterator[None]:
     """Open the parts of the application; close them in reverse order."""
     current_default_thread_limiter().total_tokens = THREADS
-    settings, metrics = app.state.settings, app.state.metrics
+    settings, metrics, follower = app.state.settings, app.state.metrics, app.state.follower
     async with AsyncExitStack() as parts:
         await asyncio.to_thread(settings.data_dir.mkdir, parents=True, exist_ok=True)
         await asyncio.to_thread(finish, settings.data_dir)
@@ -247,6 +256,7 @@ async def _parts(app: FastAPI) -> AsyncIterator[None]:
                 settings.token is not None,
             ),
             on_change=partial(changes.note, "flights_in_progress"),
+            followed=follower and await asyncio.to_thread(follower.end),
         )
         app.state.frame_ticks = FrameTicks(MonotonicClock())
         await parts.enter_async_context(live_flights)

@@ -19,7 +19,7 @@ from fastapi import FastAPI
 from app.http.bounded_protocol import BoundedHttp
 from app.http.direct_websocket import DirectWebSocket
 from app.http.relay import Relay
-from app.main import create_app
+from app.main import create_app, follower_of
 from app.settings import Settings, SettingsError
 from app.store.database import StoreError, address
 from app.store.ownership import PROGRAM, FileHold, Taken, owned, published, published_by
@@ -165,19 +165,21 @@ def serve(
     with ExitStack() as held, suppress(KeyboardInterrupt):  # then all has stopped cleanly
         if settings.real_time:
             go_first()
+        follower = follower_of(settings)
         if settings.shared is None:
             held.enter_context(alone(settings))
         else:
             listening = listening or listen(settings)
             held.callback(listening.close)
             with asyncio.Runner(loop_factory=_loop_factory()) as runner:
-                held.push(runner.run(until_owner(settings, listening)))
+                held.callback(follower.end)
+                held.push(runner.run(until_owner(settings, listening, follower.start)))
         held.enter_context(shared(settings))
         open_store(settings.url).close()
         listening = listening or listen(settings)
         held.callback(listening.close)
         url = address_of(listening, settings)
-        server = Server(create_app(settings), lambda app: opened(app, url))
+        server = Server(create_app(settings, follower), lambda app: opened(app, url))
         gc.collect()
         gc.freeze()  # no sample waits for a collection of what is loaded
         gc.set_threshold(*COLLECTED)
@@ -270,9 +272,12 @@ def shared(settings: Settings) -> Iterator[None]:
         yield
 
 
-async def until_owner(settings: Settings, listening: socket.socket) -> ExitStack:
+async def until_owner(
+    settings: Settings, listening: socket.socket, stands_by: Callable[[], object]
+) -> ExitStack:
     """Relay connections to the owner of the database until it has ended; what this one holds then.
 
+    stands_by: called when there is an owner.
     SettingsError if the owner shares with nobody, or admits other people.
     """
     owner, last, held, unknown_s = "", "", ExitStack(), 0.0
@@ -294,6 +299,8 @@ async def until_owner(settings: Settings, listening: socket.socket) -> ExitStack
                 return held
             if now not in ("", last):
                 LOG.warning("%s stands by: %s owns the database", settings.shared, now)
+                sys.setswitchinterval(THREAD_TURN_S)
+                stands_by()
             owner, last = now, now or last
             await asyncio.sleep(LOOK_EVERY_S)
     finally:

@@ -450,7 +450,6 @@ class Flight(ABC):
 
     def _hello(self) -> str:
         plan, ahead = self.plan, self._newest_ahead()
-        self._is_predicted = ahead is not None and ahead.exceeds
         return Hello(
             **self._authority_facts,
             flight=plan.id,
@@ -556,7 +555,9 @@ class Flight(ABC):
     def _newest_ahead(self) -> Ahead | None:
         """Forecast by the newest sample, for a watcher that joins a paused flight."""
         newest = self._assessment
-        return None if newest is None or self.is_over else self._ahead_by(newest)
+        ahead = None if newest is None or self.is_over else self._ahead_by(newest)
+        self._is_predicted = ahead is not None and ahead.exceeds
+        return ahead
 
     def _ahead_by(self, assessment: Assessment) -> Ahead | None:
         if assessment.p_value is None or self._late:

@@ -2,7 +2,6 @@
 
 import asyncio
 import logging
-import time
 from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -14,11 +13,12 @@ from app.flights.clock import Clock, MonotonicClock, Timer
 from app.flights.ended import before_exceedance, summarize
 from app.flights.flight import Flight, FlightPlan, stale_after
 from app.flights.flight_limits import change_of_limits
-from app.flights.flight_recordings import RESUMED_WITHIN_S, FlightRecordings
+from app.flights.flight_recordings import FlightRecordings
 from app.flights.flight_records import (
     FlightRecords,
     source_of,
 )
+from app.flights.follower import Followed, unfinished
 from app.flights.preparation import Preparation
 from app.flights.recorder import INTERVAL_S, Recorder
 from app.flights.request import FlightRequest
@@ -30,10 +30,10 @@ from app.flights.transport import NotPossible
 from app.flights.verdict import first_exceedance
 from app.recipes.recipes import simulated_test
 from app.recordings.scored import ScoredRecordings
-from app.store.flights import INTERRUPTED, FlightInProgress
+from app.store.flights import INTERRUPTED, FlightInfo, FlightInProgress
 from app.store.people import LOCAL
 from app.store.store import NotFound, Store, StoreError, StoreHealth
-from app.telemetry.journal import Journals, lines_of
+from app.telemetry.journal import JournalReader, Journals
 from core.conditions import ConditionKey
 from core.flight_events import FlightMarker, FlightMarkerKey
 from core.planned_test.planned_test import DatasetRecipe
@@ -71,6 +71,7 @@ class Flights:
     """The flights of a server; leaving the context stops and records every flight.
 
     on_change: called when a list of the flights in progress changes.
+    followed: flights of the server before, by id.
     """
 
     def __init__(
@@ -84,6 +85,7 @@ class Flights:
         journals: Journals | None = None,
         udp: UdpAccess = HERE_ALONE,
         on_change: Callable[[], object] = lambda: None,
+        followed: Mapping[str, Followed] | None = None,
     ) -> None:
         self._store_health, self._journals = store_health, journals
         self._on_change = on_change
@@ -91,6 +93,7 @@ class Flights:
         self.preparation = Preparation(store, scored, journals, udp)
         self._scenes, self._clock = scenes, clock or MonotonicClock()
         self._flights: dict[str, Flight] = {}
+        self._followed = dict(followed or {})
         self._starting = 0
         self._closing = False
         self._resuming = asyncio.Lock()
@@ -219,14 +222,11 @@ class Flights:
         """Resume the live flights that were in progress when the server was killed."""
         if self._journals is None:
             return
-        for info in await asyncio.to_thread(self.store.flights.interrupted):
-            if source_of(info).get("kind") == "live":
-                path = self._journals.path(info.id)
-                if path.exists() and time.time() - path.stat().st_mtime < RESUMED_WITHIN_S:
-                    try:
-                        await self.live(info.id)
-                    except Exception:
-                        LOG.exception("flight %s could not be resumed", info.id)
+        for info in await asyncio.to_thread(unfinished, self.store, self._journals):
+            try:
+                await self.live(info.id)
+            except Exception:
+                LOG.exception("flight %s could not be resumed", info.id)
 
     async def make_recordings(self) -> None:
         """Make recordings of the ended live flights that have none, in the background."""
@@ -292,7 +292,8 @@ class Flights:
             )
         self._reserve_place()
         try:
-            plan, setup = await asyncio.to_thread(self.preparation.resumed, info, journals)
+            flown = await asyncio.to_thread(self._followed_or_new, info, journals)
+            plan, setup, make, reader = flown
             alarms = await self.records.alarms(flight_id)
             markers = await self.records.markers(flight_id)
             stored = -1 if info.head is None else info.head
@@ -300,8 +301,9 @@ class Flights:
             async def resume(flight: Flight) -> None:
                 assert isinstance(flight, LiveFlight)
                 flight.is_restoring = True
-                lines = lines_of(journals.path(flight_id))
-                unrecorded = await asyncio.to_thread(flight.restore, lines, stored, alarms, markers)
+                about = reader.lines(), stored, alarms, markers
+                unrecorded = await asyncio.to_thread(flight.restore, *about)
+                flight.digest = reader.digest
                 before = False, False, ""
                 if (first := first_exceedance(alarms)) is not None:
                     about = flight_id, first, plan.monitor.dt
@@ -310,9 +312,22 @@ class Flights:
                 await asyncio.to_thread(self.store.flights.resume, flight_id, flight.head)
                 flight.resume(unrecorded)
 
-            return await self._start(plan, LiveFlight, setup, resume)
+            return await self._start(plan, make, setup, resume)
         finally:
             self._starting -= 1
+
+    def _followed_or_new(
+        self, info: FlightInfo, journals: Journals
+    ) -> tuple[FlightPlan, LiveSetup, Callable[..., Flight], JournalReader]:
+        """What resumes a flight: as it was followed, or to be replayed from its start."""
+        self.preparation.check_journal(info, journals)
+        followed = self._followed.pop(info.id, None)
+        if followed is None or not followed.reader.is_continued():
+            about = self.preparation.resumed(info, journals)
+            return *about, LiveFlight, JournalReader(journals.path(info.id))
+        flight, setup, reader = followed
+        setup = setup._replace(journals=journals, access=self.preparation.udp)
+        return flight.plan, setup, flight.join, reader
 
     async def stop(
         self, flight_id: str, status: str = "ended", reason: str = "the flight was ended"

@@ -42,7 +42,7 @@ class Preparation:
         journals: Journals | None,
         udp: UdpAccess,
     ) -> None:
-        self._store, self._scored, self._journals, self._udp = store, scored, journals, udp
+        self._store, self._scored, self._journals, self.udp = store, scored, journals, udp
 
     def new(self, request: FlightRequest, by: str) -> tuple[FlightPlan, Script | LiveSetup]:
         """The plan and what is flown of a requested flight, which is stored. Errors: `start`."""
@@ -79,21 +79,29 @@ class Preparation:
         )
         return plan, flown
 
+    def check_journal(self, info: FlightInfo, journals: Journals) -> None:
+        """NotPossible where the journal of a live flight is missing or altered."""
+        path, found = journals.path(info.id), None
+        if path.exists():
+            found = digest_of(path) if info.journal_digest else ""
+        if damage := journal_damage(info, found):
+            raise NotPossible(
+                f"flight {info.id} accepts no samples: it was interrupted and {damage}"
+            )
+
     def resumed(self, info: FlightInfo, journals: Journals) -> tuple[FlightPlan, LiveSetup]:
-        """The plan and setup of a live flight of a killed server. NotPossible without a journal."""
+        """The plan and setup of a live flight of another server, which may still write its journal.
+
+        OSError without one.
+        """
         monitor = self._monitor(info.monitor_id)
         shown = self._store.flights.display([info.id]).get(info.id, [])
         display = self._display(monitor, shown)
         monitors = self._monitors_of(info.id)
         opening = self._opening(info.monitor_id, monitor, info.epsilon, monitors)
         opening = opening._replace(display=display)
-        source, path = source_of(info), journals.path(info.id)
-        live = Live.model_validate(source)
-        if damage := journal_damage(info, digest_of(path) if path.exists() else None):
-            raise NotPossible(
-                f"flight {info.id} accepts no samples: it was interrupted and {damage}"
-            )
-        setup = live.setup(opening, header_of(path))
+        source = source_of(info)
+        setup = Live.model_validate(source).setup(opening, header_of(journals.path(info.id)))
         plan = FlightPlan(
             info.id,
             flight_name(info),
@@ -133,7 +141,7 @@ class Preparation:
     def _opening(
         self, monitor_id: str, monitor: Monitor, epsilon: float, monitors: MonitorsInUse | None
     ) -> Opening:
-        about = self._store, self._scored, monitor_id, monitor, epsilon, self._journals, self._udp
+        about = self._store, self._scored, monitor_id, monitor, epsilon, self._journals, self.udp
         return Opening(*about, monitors=monitors)
 
     def _points(self, monitor_id: str, monitors: MonitorsInUse | None) -> dict[str, CardPoint]:

@@ -217,9 +217,7 @@ def read_only_engine(url: URL) -> Engine | None:
             "new file"
         )
     uri = f"{path.resolve().as_uri()}?mode=ro"
-    return create_engine(
-        "sqlite://", creator=lambda: sqlite3.connect(uri, uri=True), poolclass=NullPool
-    )
+    return create_engine(url, creator=lambda: sqlite3.connect(uri, uri=True), poolclass=NullPool)
 
 
 @contextmanager

@@ -213,9 +213,9 @@ class FlightRepository(Entries[FlightInfo]):
         with self._reading() as connection:
             return list(connection.execute(query).scalars())
 
-    def interrupted(self) -> list[FlightInfo]:
-        """Interrupted flights that have not become recordings, newest first."""
-        is_open = (flights.c.status == "interrupted") & flights.c.recording_id.is_(None)
+    def unfinished(self) -> list[FlightInfo]:
+        """Running flights, and interrupted ones that are no recordings yet, newest first."""
+        is_open = flights.c.status.in_(("running", INTERRUPTED)) & flights.c.recording_id.is_(None)
         with self._reading() as connection:
             rows = connection.execute(self._newest_first(is_open))
             return [self._entry(row) for row in rows]

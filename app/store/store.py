@@ -16,7 +16,15 @@ from app.store.airframes import AirframeRepository
 from app.store.alarms import AlarmRepository, FlightMarkerRepository
 from app.store.answers import AnswerRepository
 from app.store.campaigns import CampaignRepository
-from app.store.database import Damaged, StoreError, address, check_pages, make_engine, reading
+from app.store.database import (
+    Damaged,
+    StoreError,
+    address,
+    check_pages,
+    make_engine,
+    read_only_engine,
+    reading,
+)
 from app.store.datasets import DatasetRepository
 from app.store.disk import LastStop, Reserve
 from app.store.flights import FlightRepository
@@ -167,6 +175,12 @@ def open_store(url_or_path: str | Path, *, recover: bool = True) -> Store:
     if recover:
         store.recover()
     return store
+
+
+def served_store(url: str | Path) -> Store | None:
+    """The store of another process, to read while that serves it; None if there is none yet."""
+    engine = read_only_engine(address(url))
+    return None if engine is None else Store(engine)
 
 
 class StoreHealth:

@@ -44,10 +44,13 @@ class Journals:
         self._lock = threading.Lock()
         self._thread: threading.Thread | None = None
 
-    def open(self, flight_id: str) -> "Journal":
-        """Open the journal of a flight for writing, without an incomplete last line. OSError."""
+    def open(self, flight_id: str, digest: "hashlib._Hash | None" = None) -> "Journal":
+        """Open the journal of a flight for writing, without an incomplete last line. OSError.
+
+        digest: SHA-256 of its complete lines; None if they are not read yet.
+        """
         self.root.mkdir(parents=True, exist_ok=True, mode=0o700)
-        journal = self._opened[flight_id] = Journal(self, self.path(flight_id))
+        journal = self._opened[flight_id] = Journal(self, self.path(flight_id), digest)
         return journal
 
     def is_whole(self, flight_id: str) -> bool:
@@ -126,7 +129,9 @@ class Journal:
     is_closed: whether it accepts no more lines and all of it is on the disk.
     """
 
-    def __init__(self, journals: Journals, path: Path) -> None:
+    def __init__(
+        self, journals: Journals, path: Path, digest: "hashlib._Hash | None" = None
+    ) -> None:
         self._journals, self.path = journals, path
         self._file = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
         self._size = _whole(self._file)
@@ -137,7 +142,7 @@ class Journal:
         self._groups: list[asyncio.Future[None]] = []
         self._is_grouping = False
         self._bytes = 0
-        self._digest: hashlib._Hash | None = None
+        self._digest = digest
         self.problem = ""
 
     def append(self, line: dict[str, Any]) -> asyncio.Future[None]:
@@ -225,13 +230,41 @@ class Journal:
             os.ftruncate(self._file, self._size)
 
 
+class JournalReader:
+    """Reads a journal that another process may write meanwhile.
+
+    digest: SHA-256 of the lines read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.digest = path, hashlib.sha256()
+        self._end, self._last = 0, b""
+
+    def is_continued(self) -> bool:
+        """Whether the last line read is still where it was, so that those before it are, too.
+
+        Each has its time of arrival. OSError.
+        """
+        with self.path.open("rb") as file:
+            file.seek(self._end - len(self._last))
+            return file.read(len(self._last)) == self._last
+
+    def lines(self) -> Iterator[dict[str, Any]]:
+        """The next lines, in order, without an incomplete last one. OSError."""
+        with self.path.open("rb") as file:
+            file.seek(self._end)
+            for line in file:
+                if not line.endswith(b"\n"):
+                    return
+                plain = msgspec.json.decode(line)
+                self._end, self._last = self._end + len(line), line
+                self.digest.update(line)
+                yield plain
+
+
 def lines_of(path: Path) -> Iterator[dict[str, Any]]:
     """The lines of a journal, in order, without an incomplete last one. OSError."""
-    with path.open("rb") as file:
-        for line in file:
-            if not line.endswith(b"\n"):
-                return
-            yield msgspec.json.decode(line)
+    return JournalReader(path).lines()
 
 
 def _resolve(futures: list[asyncio.Future[None]]) -> None:

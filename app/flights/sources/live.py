@@ -7,12 +7,13 @@ from the journal alone, so it can be computed again from it, also after the serv
 import asyncio
 from array import array
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from functools import partial
 from math import inf, isfinite
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import msgspec
 import numpy as np
@@ -29,9 +30,10 @@ from app.assessment.scorer import (
     replay_line,
 )
 from app.flights.alarms import REJOIN_S
+from app.flights.clock import Clock
 from app.flights.display_monitors import DisplayMonitor
 from app.flights.flight import MARKERS_KEPT, Angles, Flight, FlightPlan, stale_after
-from app.flights.recorder import JOURNALLED_S
+from app.flights.recorder import JOURNALLED_S, Recorder
 from app.flights.sources.lag import Lag
 from app.flights.sources.simulated import SourceError
 from app.flights.sources.udp import UdpAccess, UdpReceiver
@@ -49,6 +51,11 @@ from core.monitor.peak_forecast import Ahead
 from core.monitor.status import AlarmKind
 from core.simulation.attitude import DisplayAttitude
 from core.types import Array
+
+if TYPE_CHECKING:
+    import hashlib
+
+    from app.scene.scene import Scene
 
 BEGUN_KEPT = 50
 """Newest manoeuvres whose beginnings are shown."""
@@ -114,6 +121,21 @@ class LiveSetup(NamedTuple):
         return CausalScorer(*about)
 
 
+@dataclass
+class JournalReplay:
+    """What a flight has read of its journal.
+
+    arrived: of the newest line [s].   waiting: settled samples that the record lacks, each with the
+    received ones beyond a limit that belong before it.   exceeding: those beyond a limit so far.
+    alert_t: since when the risk is above the alert level [s].
+    """
+
+    arrived: float = 0.0
+    waiting: deque[tuple[LiveAssessed, list[ReceivedExceedance]]] = field(default_factory=deque)
+    exceeding: list[tuple[ReceivedExceedance, Exceeded]] = field(default_factory=list)
+    alert_t: float | None = None
+
+
 class KnownBatches:
     """Digests of batches by sequence, 16 bytes each: a tenth of what objects would take."""
 
@@ -143,9 +165,10 @@ class LiveFlight(Flight):
         self.scorer = setup.scorer()
         self._near = 2.0 * setup.dt
         super().__init__(plan, *about, **more)
-        self.recorder.interval, self.recorder.is_spread = JOURNALLED_S, True
+        self._pace_recorder()
         self.dt, self.is_checked = setup.dt, plan.monitor.support is not None
         self._setup, self._stale_after = setup, stale_after(setup.dt)
+        self._replay = JournalReplay()
         self.needed = self.scorer.needed
         self._display = setup.display_attitude()
         self._keys = setup.monitor.dictionary.keys
@@ -154,6 +177,7 @@ class LiveFlight(Flight):
         self._settled = 0.0
         self._journal: Journal | None = None
         self.is_restoring = False
+        self.digest: hashlib._Hash | None = None
         self._udp: UdpReceiver | None = None
         self._port = setup.udp
         self._sender: str | None = None
@@ -241,6 +265,33 @@ class LiveFlight(Flight):
             "mapping": mapping.to_plain() if mapping else None,
         } | ({"monitor_set": plan.monitors.to_plain()} if plan.monitors else {})
 
+    def _pace_recorder(self) -> None:
+        self.recorder.interval, self.recorder.is_spread = JOURNALLED_S, True
+
+    def follow(self, lines: Iterable[dict[str, Any]], stored: int) -> None:
+        """Replay the next lines of the journal, which another server writes; for a thread.
+
+        stored: newest sample of the record.
+        """
+        for line in lines:
+            self._wait_for_record(self._replay_line(line))
+            self._show_recorded(stored)
+
+    def join(
+        self,
+        plan: FlightPlan,
+        setup: LiveSetup,
+        recorder: Recorder,
+        clock: Clock,
+        on_over: Callable[[str, str], object],
+        scene: "Scene | None",
+    ) -> Self:
+        """Continue in the server that owns the flight now. plan, setup: its own, with its ports."""
+        self.plan, self._setup, self.recorder, self.clock = plan, setup, recorder, clock
+        self._on_over, self.scene = on_over, scene
+        self._pace_recorder()
+        return self
+
     def restore(
         self,
         lines: Iterable[dict[str, Any]],
@@ -250,24 +301,21 @@ class LiveFlight(Flight):
     ) -> list[LiveAssessed]:
         """Restore the flight of a killed server; for a thread. Returns samples not recorded yet.
 
-        lines: of its journal.   stored, alarms, markers: newest sample and contents of its record.
+        lines: of its journal, after those that it has followed.
+        stored, alarms, markers: newest sample and contents of its record.
         """
-        header, *rest = lines
-        self._began_utc = header["began"]
-        began, now = map(datetime.fromisoformat, (self._began_utc, self.clock.utc()))
-        arrival = max((now - began).total_seconds(), float(rest[-1]["a"]) if rest else 0.0)
+        self.follow(lines, stored)
+        arrival = max(self._since_start(), self._replay.arrived)
         self._began = self.clock.now() - arrival
-        unrecorded, replayed, alert_t = [], [], None
-        for assessed in self._settled_until(rest, arrival):
-            replayed += self._judged_received(assessed.assessment.t)
-            if self.head < stored:
-                self._follow(*self._flown(assessed), assessed.display)
-                if (alert := assessed.assessment.alert) is not None:
-                    alert_t = (alert_t or assessed.assessment.t) if alert else None
-            else:
-                unrecorded.append(assessed)
+        self._wait_for_record(self.scorer.advance(arrival))
+        self._show_recorded(stored)
+        replay, self._replay = self._replay, JournalReplay()
+        unrecorded, replayed, alert_t = [], replay.exceeding, replay.alert_t
+        for assessed, received in replay.waiting:
+            replayed += self._judged(received)
+            unrecorded.append(assessed)
         self.markers = {marker.number: marker for marker in markers[-MARKERS_KEPT:]}
-        replayed += self._judged_received()
+        replayed += self._judged(self._due())
         stored_t = [alarm.t for alarm in alarms if alarm.kind == "limit"]
         known = {(alarm.kind, alarm.t) for alarm in alarms}
         active: list[AlarmKind] = [d.kind for d in self.scorer.doubts if (d.kind, d.t) in known]
@@ -297,6 +345,7 @@ class LiveFlight(Flight):
         self._open()
         self._record({"e": "resumed"})
         self._n_resumed += 1
+        self.is_restoring = False
         for assessed in unrecorded:
             self._judge_received(assessed.assessment.t)
             self._fly_one(assessed, self.clock.now())
@@ -304,7 +353,7 @@ class LiveFlight(Flight):
         self._hold(self.scorer.ruling)
         for in_force in self.limits_at_hand:
             self.recorder.add_event(in_force)
-        self.is_restoring = False
+        self._newest_ahead()
         self._listen()
         self._set_state(State.STALE, "the server restarted: waiting for the source")
 
@@ -350,15 +399,21 @@ class LiveFlight(Flight):
 
         They come first: the sensor's own sample gives an exceedance its time and value.
         """
-        for sample, exceeded in self._judged_received(until):
+        for sample, exceeded in self._judged(self._due(until)):
             self._exceed(exceeded, self._remark(sample, exceeded))
 
-    def _judged_received(self, until: float = inf) -> list[tuple[ReceivedExceedance, Exceeded]]:
-        """Note the exceedances of received samples up to this time and a little later [s]."""
+    def _due(self, until: float = inf) -> list[ReceivedExceedance]:
+        """Received samples up to this time and a little later [s], which wait no more."""
         if not self._received:
             return []
         due = [sample for sample in self._received if sample.t <= until + self._near]
         self._received = [sample for sample in self._received if sample.t > until + self._near]
+        return due
+
+    def _judged(
+        self, due: Sequence[ReceivedExceedance]
+    ) -> list[tuple[ReceivedExceedance, Exceeded]]:
+        """Note the exceedances of received samples."""
         judged = [(sample, sample.exceeded(self._keys)) for sample in due]
         for sample, exceeded in judged:
             self.exceedances.add(*exceeded, sample.y, sample.limits)
@@ -427,15 +482,30 @@ class LiveFlight(Flight):
             raise NotPossible("the flight has ended: start another one")
         return self._journal
 
-    def _settled_until(
-        self, lines: Iterable[dict[str, Any]], arrival: float
-    ) -> Iterator[LiveAssessed]:
-        """Samples settled by lines of the journal, then those settled by the clock alone."""
-        for line in lines:
-            yield from self._replay(line)
-        yield from self.scorer.advance(arrival)
+    def _since_start(self) -> float:
+        """Time since the flight began, by the date [s]."""
+        began, now = map(datetime.fromisoformat, (self._began_utc, self.clock.utc()))
+        return (now - began).total_seconds()
 
-    def _replay(self, line: dict[str, Any]) -> list[LiveAssessed]:
+    def _wait_for_record(self, settled: Iterable[LiveAssessed]) -> None:
+        for assessed in settled:
+            self._replay.waiting.append((assessed, self._due(assessed.assessment.t)))
+
+    def _show_recorded(self, stored: int) -> None:
+        """Show the samples up to `stored`; those after it are recorded by who resumes."""
+        replay = self._replay
+        while replay.waiting and self.head < stored:
+            assessed, received = replay.waiting.popleft()
+            replay.exceeding += self._judged(received)
+            self._follow(*self._flown(assessed), assessed.display)
+            if (alert := assessed.assessment.alert) is not None:
+                replay.alert_t = (replay.alert_t or assessed.assessment.t) if alert else None
+
+    def _replay_line(self, line: dict[str, Any]) -> list[LiveAssessed]:
+        self._replay.arrived = line["a"]
+        if "began" in line:
+            self._began_utc = line["began"]
+            self._began = self.clock.now() - self._since_start()
         if "b" in line:
             self._note_batch(line["s"], msgspec.json.encode(line["b"]))
             self._note_unread(Batch(line["s"], line["b"]))
@@ -496,7 +566,7 @@ class LiveFlight(Flight):
                     f"({error.strerror}): give another one, or 0 for any free one"
                 ) from None
         try:
-            self._journal = self._setup.journals.open(self.id)
+            self._journal = self._setup.journals.open(self.id, self.digest)
         except OSError:
             if self._udp is not None:
                 self._udp.close()
@@ -535,7 +605,7 @@ class LiveFlight(Flight):
         return self._began + self._lag.taken(t)
 
     def _forecast_ahead(self) -> Ahead | None:
-        return self.scorer.forecast_ahead()
+        return None if self.is_restoring else self.scorer.forecast_ahead()
 
     def _show_all(self, assessed: list[LiveAssessed], now: float) -> None:
         if assessed:
