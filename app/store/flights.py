@@ -127,7 +127,8 @@ class FlightFilter:
 
 
 _OF_FLIGHT = assessment_chunks.c.flight_id == flights.c.id
-_HEAD = select(func.max(assessment_chunks.c.last_seq)).where(_OF_FLIGHT).scalar_subquery()
+_NEWEST = select(assessment_chunks.c.last_seq).where(_OF_FLIGHT)
+_HEAD = _NEWEST.order_by(assessment_chunks.c.first_seq.desc()).limit(1).scalar_subquery()
 _HEAD_OF = select(_HEAD.label("head")).select_from(flights).where(flights.c.id == bindparam("id"))
 """Built once, because every batch of a flight in progress uses it."""
 
