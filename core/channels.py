@@ -56,7 +56,7 @@ READABLE = 1e9
 def significant(value: float, digits: int = 3) -> str:
     """A number to this many significant digits, but never fewer than before the point."""
     text = f"{value:.{digits}g}"
-    return f"{value:.0f}" if "e+" in text and abs(value) < READABLE else text
+    return f"{value:.0f}" if "e+" in text and abs(value) < READABLE else text.replace("e+", "e")
 
 
 DISPLAY: dict[str, tuple[str, float, int]] = {

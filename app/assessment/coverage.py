@@ -11,8 +11,7 @@ import numpy as np
 
 from app.assessment.grid import missing_after
 from app.assessment.outcome import Alerts, Hole, Limited, RecordedExceedance, lost_in, runs
-from app.telemetry.timing.quality import Fault
-from core.limits.exceedance import SAME_TIME
+from core.limits.exceedance import NOT_PLAUSIBLE, SAME_TIME
 from core.monitor import Assessments
 from core.monitor.assessment import STATES, State
 from core.types import Array, Flags
@@ -65,21 +64,6 @@ def why_exceedance_unknown(holes: Sequence[Hole], length: float, dt: float) -> s
     )
 
 
-def why_implausible(limited: Limited, faults: Sequence[Fault], start: float, end: float) -> str:
-    """Why "no exceedance" is uncertain, because of values that no aircraft reaches; "" if certain.
-
-    faults: of the recording.   start, end: of the manoeuvre [s].
-    """
-    kinds = {f"implausible:{peak.channel}": peak.channel for peak in limited.peaks}
-    for fault in faults:
-        if fault.kind in kinds and fault.start <= end and fault.end >= start:
-            return (
-                f"{kinds[fault.kind]} at {max(start, fault.start):.2f} s is beyond any plausible "
-                "value: check the sensor; a limit may have been exceeded there"
-            )
-    return ""
-
-
 def why_outcome_unknown(
     limited: Limited, assessments: Assessments, alerts: Alerts, dt: float
 ) -> str:
@@ -87,6 +71,9 @@ def why_outcome_unknown(
 
     limited: of a manoeuvre without a recorded exceedance.   dt: of the monitor [s].
     """
+    if limited.implausible is not None:
+        channel, at = limited.implausible
+        return f"{channel} at {at:.2f} s is {NOT_PLAUSIBLE}; a limit may have been exceeded there"
     length = float(assessments.t[-1] - assessments.t[0])
     if why := why_exceedance_unknown(limited.holes, length, dt):
         return f"data missing: {why}"

@@ -12,7 +12,7 @@ import numpy as np
 from app.assessment.limits_history import InForceTimeline
 from app.telemetry.recording import GAP_RATIO, Traces
 from core.channels import Dictionary
-from core.limits.exceedance import SAME_TIME, onsets
+from core.limits.exceedance import NOT_PLAUSIBLE, SAME_TIME, TRIM_UNKNOWN, onsets
 from core.limits.limits import Envelope, exceeded_end
 from core.types import Array, Flags
 
@@ -49,7 +49,6 @@ OUTCOMES: dict[Outcome, Wording] = {
     ),
 }
 EXCEEDED = "LIMIT EXCEEDED"
-AS_RECORDED = f"{EXCEEDED} as recorded, not from trim"
 UNWARNED: tuple[Outcome, ...] = ("invalid", "unseen")
 """Exceedances that are neither missed nor warned: the monitor was withdrawn or had no data."""
 
@@ -59,12 +58,14 @@ class RecordedExceedance:
     """The first recorded sample that exceeds a limit. t: [s].   value: from trim, in its unit.
 
     limit: the limit exceeded where a limit set was in force; None for the monitor's own.
+    doubt: of one as recorded: NOT_PLAUSIBLE, TRIM_UNKNOWN, or none.
     """
 
     t: float
     channel: str
     value: float
     limit: float | None = None
+    doubt: str = ""
 
 
 class Hole(NamedTuple):
@@ -100,6 +101,8 @@ class Limited(NamedTuple):
 
     lost: seconds without samples, in the worst channel.   holes: in every limited channel.
     as_recorded: the first sample that exceeds a limit as recorded, with its bias and trim.
+    failed: the first sample of these that no aircraft can reach.
+    implausible: channel and time [s] of the first such value, within the limits or not.
     """
 
     exceedance: RecordedExceedance | None
@@ -107,6 +110,8 @@ class Limited(NamedTuple):
     lost: float
     holes: tuple[Hole, ...] = ()
     as_recorded: RecordedExceedance | None = None
+    failed: RecordedExceedance | None = None
+    implausible: tuple[str, float] | None = None
 
 
 def against_limits(
@@ -125,8 +130,10 @@ def against_limits(
     """
     exceedances: list[RecordedExceedance] = []
     raw: list[RecordedExceedance] = []
+    failed: list[RecordedExceedance] = []
     peaks: list[Peak] = []
     holes: list[Hole] = []
+    implausible: list[tuple[float, str]] = []
     in_force = [limits] if timeline is None else timeline.during(start, end)
     limited = np.logical_or.reduce([each.limited for each in in_force])
     for c in np.flatnonzero(limited).tolist():
@@ -143,9 +150,17 @@ def against_limits(
         t, values = trace.t[part][known], trace.values[part][known]
         value, recorded = values - trim[c], values + trace.bias
         low, high = _ends_at(t, c, limits, timeline)
-        for judged, results in ((value, exceedances), (recorded, raw)):
+        doubt = TRIM_UNKNOWN if np.isnan(trim[c]) else ""
+        for judged, results, why in ((value, exceedances, ""), (recorded, raw, doubt)):
             if len(over := onsets(t, judged, low, high)):
-                results.append(_exceedance(over[0], key, t, judged, low, high, timeline))
+                results.append(_exceedance(over[0], key, t, judged, low, high, timeline, why))
+        if trace.sent is not None and (odd := ~known & np.isfinite(trace.sent[part])).any():
+            at, sent = trace.t[part][odd], trace.sent[part][odd]
+            implausible.append((float(at[0]), key))
+            ends_then = _ends_at(at, c, limits, timeline)
+            if len(over := onsets(at, sent, *ends_then)):
+                about = key, at, sent, *ends_then, timeline, NOT_PLAUSIBLE
+                failed.append(_exceedance(over[0], *about))
         for each in ends:
             here = (low == each[0]) & (high == each[1])
             if len(t) and not here.any():
@@ -155,11 +170,14 @@ def against_limits(
             as_recorded = rest if as_recorded is None else as_recorded
             peaks.append(Peak(key, largest, *each, as_recorded, trace.bias))
         holes += holes_in(key, t, start, end)
-    first, first_raw = (
+    first, first_raw, first_failed = (
         min(results, key=lambda exceedance: exceedance.t, default=None)
-        for results in (exceedances, raw)
+        for results in (exceedances, [*raw, *failed], failed)
     )
-    return Limited(first, tuple(peaks), lost_in(holes), tuple(holes), first_raw)
+    odd_t, odd_key = min(implausible, default=(0.0, ""))
+    doubted = (odd_key, odd_t) if odd_key else None
+    about = tuple(peaks), lost_in(holes), tuple(holes)
+    return Limited(first, *about, first_raw, first_failed, doubted)
 
 
 def _ends_at(
@@ -180,11 +198,12 @@ def _exceedance(
     low: Array,
     high: Array,
     timeline: InForceTimeline | None,
+    doubt: str = "",
 ) -> RecordedExceedance:
     """The exceedance at sample i."""
     exceeded = exceeded_end(float(low[i]), float(high[i]), float(value[i]))
     limit = None if timeline is None else exceeded
-    return RecordedExceedance(float(t[i]), key, float(value[i]), limit)
+    return RecordedExceedance(float(t[i]), key, float(value[i]), limit, doubt)
 
 
 def _furthest(values: Array, low: float, high: float, rest: float) -> float | None:
@@ -274,7 +293,7 @@ def wording_of(manoeuvre: Mapping[str, Any]) -> Wording:
     verdict = verdict_of(manoeuvre)
     if not verdict:
         return wording
-    if manoeuvre["exceedance"] is None:
+    if manoeuvre["exceedance"] is None and not verdict.endswith(NOT_PLAUSIBLE):
         word, text = f"{verdict}; {wording.word}", f"{verdict}; {wording.text}"
         level: OutcomeLevel = "caution" if wording.level == "ok" else wording.level
         return Wording("◆", word, level, text)
@@ -286,7 +305,15 @@ def verdict_of(manoeuvre: Mapping[str, Any], promised: float | None = None) -> s
     """The verdict on the exceedance of a manoeuvre (by field); "" where there was none."""
     if manoeuvre["exceedance"] is not None:
         return exceedance_verdict(manoeuvre["outcome"], manoeuvre["lead"], promised)
-    return AS_RECORDED if manoeuvre.get("recorded_exceedance") is not None else ""
+    raw = manoeuvre.get("recorded_exceedance")
+    return "" if raw is None else recorded_verdict(raw.get("doubt", ""))
+
+
+def recorded_verdict(doubt: str) -> str:
+    """The verdict on an exceedance as recorded. doubt: see RecordedExceedance."""
+    if doubt == NOT_PLAUSIBLE:
+        return f"{EXCEEDED}, {doubt}"
+    return f"{EXCEEDED} as recorded, {doubt or 'not from trim'}"
 
 
 APART = 1.0
@@ -328,13 +355,18 @@ def exceedances_outside(
             t, values = trace.t[first : first + BLOCK], trace.values[first : first + BLOCK]
             number = np.maximum(np.searchsorted(starts - SAME_TIME, t, "right") - 1, 0)
             value = values - subtracted[number, c]
+            odd = np.zeros(len(t), bool)
+            if trace.sent is not None:
+                sent = trace.sent[first : first + BLOCK]
+                odd = np.isnan(values) & np.isfinite(sent)
+                value = np.where(odd, sent, value)
             low, high = _ends_at(t, c, limits, timeline)
             over = onsets(t, value, low, high)
-            parts.append((t[over], number[over], value[over], low[over], high[over]))
-        t, number, value, low, high = map(np.concatenate, zip(*parts, strict=True))
+            parts.append((t[over], number[over], value[over], low[over], high[over], odd[over]))
+        t, number, value, low, high, odd = map(np.concatenate, zip(*parts, strict=True))
         inside = (t >= starts[number] - SAME_TIME) & (t <= ends[number] + SAME_TIME)
         exceedances += [
-            _exceedance(i, key, t, value, low, high, timeline)
+            _exceedance(i, key, t, value, low, high, timeline, NOT_PLAUSIBLE if odd[i] else "")
             for i in onsets(t, value, low, high, APART)
             if not inside[i]
         ]
@@ -350,11 +382,12 @@ def notes_on_outside(
     first = exceedances[0]
     value = dictionary.by_key[first.channel].read(first.value)
     times = "once" if len(exceedances) == 1 else f"{len(exceedances)} times, first"
+    doubt = f", {first.doubt}" if first.doubt else ""
     counts = Counter(exceedance.channel for exceedance in exceedances)
     return (
         *(_suspicion(channel, n) for channel, n in counts.items() if n >= MANY),
         f"Limit exceeded outside every manoeuvre, where nothing is assessed: {times} "
-        f"{first.channel} {value} at {first.t:.2f} s.",
+        f"{first.channel} {value} at {first.t:.2f} s{doubt}.",
     )
 
 

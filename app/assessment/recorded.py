@@ -223,8 +223,7 @@ def _in_units(traces: Traces, dictionary: Dictionary) -> Traces:
             continue
         read = trace if trace.unit in ("", channel.unit) else _converted(trace, channel)
         beyond = np.flatnonzero(np.abs(read.values) > largest_plausible(channel))
-        if len(beyond):
-            read = replace(read, values=without(read.values, beyond))
+        read = without(read, beyond)
         if read is not trace:
             changed[channel.key] = read
     return replace(traces, channels=traces.channels | changed) if changed else traces
@@ -233,12 +232,13 @@ def _in_units(traces: Traces, dictionary: Dictionary) -> Traces:
 def _converted(trace: Trace, channel: Channel) -> Trace:
     try:
         values = convert(trace.values, trace.unit, channel.unit)
+        sent = None if trace.sent is None else convert(trace.sent, trace.unit, channel.unit)
         shift, bias = convert(np.array([0.0, trace.bias]), trace.unit, channel.unit).tolist()
     except TelemetryError as error:
         raise TelemetryError(
             f"channel {channel.key} of the recording: {error}: map it to another signal"
         ) from None
-    return replace(trace, values=values, bias=bias - shift, unit=channel.unit)
+    return replace(trace, values=values, bias=bias - shift, unit=channel.unit, sent=sent)
 
 
 def on_grid(
@@ -339,7 +339,12 @@ def _by_flight_time(traces: Traces, flight_t: Array) -> Traces:
     order = np.argsort(flight_t, kind="stable")
     t = flight_t[order]
     channels = {
-        key: replace(trace, t=t, values=trace.values[order])
+        key: replace(
+            trace,
+            t=t,
+            values=trace.values[order],
+            sent=None if trace.sent is None else trace.sent[order],
+        )
         for key, trace in traces.channels.items()
     }
     return Traces(channels, traces.notes)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from app.assessment.compatibility import compatibility
-from app.assessment.coverage import why_implausible, why_outcome_unknown, why_warning_unknown
+from app.assessment.coverage import why_outcome_unknown, why_warning_unknown
 from app.assessment.limits_history import LimitsHistory
 from app.assessment.outcome import (
     MOST_OUTSIDE,
@@ -357,10 +357,7 @@ def _verdict(
     if not limits_known:
         pass
     elif limited.exceedance is None:
-        ends = float(part["t"][0]), float(part["t"][-1])
-        why = why_implausible(limited, flight.quality.faults, *ends) or why_outcome_unknown(
-            limited, judged.assessments, alerts, flight.monitor.dt
-        )
+        why = why_outcome_unknown(limited, judged.assessments, alerts, flight.monitor.dt)
     elif withdrawal is None and not _was_silent(judged):
         about = limited, limited.exceedance, judged.assessments, alerts, promised
         why = why_warning_unknown(*about, flight.monitor.dt)
@@ -381,7 +378,7 @@ def _verdict(
         peak_t=float(part["t"][peak]) if rises else None,
         alerts=alerts,
         exceedance=limited.exceedance,
-        recorded_exceedance=limited.as_recorded if limited.exceedance is None else None,
+        recorded_exceedance=limited.failed if limited.exceedance else limited.as_recorded,
         lead=lead,
         look_ahead=flight.recording.look_ahead,
         withdrawn_t=None if withdrawal is None else float(judged.assessments.t[withdrawal.first]),

@@ -29,7 +29,7 @@ from app.assessment.trim import CausalTrim, departure, input_sizes
 from core.channels import LATERAL
 from core.conditions import Condition, ConditionKey
 from core.kernels import assessing
-from core.limits.exceedance import Exceeded, exceedance
+from core.limits.exceedance import NOT_PLAUSIBLE, Exceeded, exceeded_at
 from core.limits.limits import Envelope
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import REASONS, Cause, withdrawn
@@ -91,9 +91,9 @@ class ReceivedExceedance(NamedTuple):
 
     def exceeded(self, keys: Sequence[str]) -> Exceeded:
         """keys: of the channels."""
-        measured = exceedance(keys, self.limits, self.y, self.recorded)
-        assert measured is not None
-        return Exceeded(self.t, measured)
+        exceeded = exceeded_at(self.t, keys, self.limits, self.y, self.recorded)
+        assert exceeded is not None
+        return exceeded if self.is_plausible else exceeded._replace(doubt=NOT_PLAUSIBLE)
 
 
 class GridMonitor:

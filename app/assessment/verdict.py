@@ -1,6 +1,7 @@
 """Print a scored recording: each manoeuvre and the checks it did not pass."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 
 from app.assessment.outcome import OUTCOMES, RecordedExceedance, lead_words, verdict_of
 from app.assessment.scored import OBSERVATIONS, ScoredManoeuvre, ScoredRecording
@@ -65,7 +66,7 @@ def _interval(estimate: Estimate, factor: float, unit: str) -> str:
 
 
 def _outcome(manoeuvre: ScoredManoeuvre) -> str:
-    verdict = verdict_of(vars(manoeuvre))
+    verdict = verdict_of(asdict(manoeuvre))
     if manoeuvre.exceedance is not None:
         return verdict
     words = OUTCOMES[manoeuvre.outcome].text
@@ -149,13 +150,15 @@ def _exceedance(manoeuvre: ScoredManoeuvre, dictionary: Dictionary, of_day: bool
     if manoeuvre.outcome == "unknown":
         return "unknown"
     if exceedance is None:
-        return "none recorded"
+        raw = manoeuvre.recorded_exceedance
+        return f"as recorded {_place(raw, dictionary, of_day)}" if raw else "none recorded"
     return _place(exceedance, dictionary, of_day)
 
 
 def _place(exceedance: RecordedExceedance, dictionary: Dictionary, of_day: bool) -> str:
     value = dictionary.by_key[exceedance.channel].read(exceedance.value)
-    return f"at {_time(exceedance.t, of_day)} ({exceedance.channel} {value})"
+    doubt = f", {exceedance.doubt}" if exceedance.doubt else ""
+    return f"at {_time(exceedance.t, of_day)} ({exceedance.channel} {value}{doubt})"
 
 
 def _lead(monitor: Monitor, manoeuvre: ScoredManoeuvre) -> str:

@@ -22,7 +22,7 @@ from app.assessment.input_checks import DOUBT_KINDS, Doubt
 from app.flights.clock import Clock
 from app.flights.verdict import exceeds_from_trim
 from core.flight_events import Alarm
-from core.limits.exceedance import Exceeded, MeasuredExceedance
+from core.limits.exceedance import Exceeded
 from core.monitor import Assessment, State
 from core.monitor.assessment import Cause
 from core.monitor.status import ALARM_LEVELS, AlarmKind, Level
@@ -153,9 +153,10 @@ class Alarms:
         gives_cause = exceedance is not None or assessment.alert or late or state in ALARMING
         if not gives_cause and not self._may_be_active:
             return []
-        at, measured = (t, None) if exceedance is None else exceedance
+        at, measured, doubt = (t, None, "") if exceedance is None else exceedance
+        why_limit = "; ".join(filter(None, (beyond, doubt)))
         conditions: tuple[tuple[AlarmKind, float, bool, str | None], ...] = (
-            ("limit", at, exceedance is not None, beyond or None),
+            ("limit", at, exceedance is not None, why_limit or None),
             ("risk", t, gives_alarm("risk", assessment), None),
             ("invalid", t, gives_alarm("invalid", assessment), reason),
             ("stale", clock.now(), bool(late) or state is State.STALE, late or reason),
@@ -180,13 +181,12 @@ class Alarms:
         self._may_be_active = any(onsets.is_active for onsets in self._onsets.values())
         return raised
 
-    def exceed(
-        self, seq: int, t: float, exceedance: MeasuredExceedance, reason: str, clock: Clock
-    ) -> list[Alarm]:
-        """A received sample, at t [s], exceeds a limit: return the alarm that this raises, if any.
+    def exceed(self, seq: int, exceeded: Exceeded, reason: str, clock: Clock) -> list[Alarm]:
+        """A received sample exceeds a limit: return the alarm that this raises, if any.
 
-        seq: of the newest grid sample.   reason: why t is by arrival; empty if it is the source's.
+        seq: of the newest grid sample.   reason: what is in doubt of it; empty for nothing.
         """
+        t, exceedance, _ = exceeded
         about = {"t": t, "exceedance": exceedance, "reason": reason or None}
         return self._begin("limit", seq, t, clock, **about)
 

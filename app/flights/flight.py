@@ -494,17 +494,16 @@ class Flight(ABC):
         index: int,
         attitude: Angles,
         display: tuple[Assessment, ...] = (),
-        remark: str = "",
     ) -> None:
         """Record, check and encode one sample; `_show` follows once per burst.
 
-        display: assessments by the monitors for display.   remark: on the exceedance.
+        display: assessments by the monitors for display.
         """
         seq = self._recent.head + 1
         self.recorder.add(seq, y, assessment, display)
         self._follow(y, assessment, exceedance, attitude, display, round(due * 1e3, 3))
         about = assessment, exceedance, self.clock, self._late
-        beyond = "; ".join(filter(None, (beyond_of(self.in_force.ruling), remark)))
+        beyond = beyond_of(self.in_force.ruling)
         if raised := self.alarms.update(seq, index, *about, beyond=beyond):
             self._raise_alarms(raised)
         if self._has_new_evidence:
@@ -534,7 +533,7 @@ class Flight(ABC):
         self._newest.append((assessment.t, assessment.state, assessment.reason))
         self.t, self._assessment, self._pose = assessment.t, assessment, (attitude, y)
         self._exceeds = exceedance is not None
-        at, named = (assessment.t, None) if exceedance is None else exceedance
+        at, named, _ = (assessment.t, None, "") if exceedance is None else exceedance
         self.exceedances.update(at, y, self.in_force.limits, named)
 
     def _ahead_of(self, assessment: Assessment) -> Ahead | None:
@@ -591,7 +590,7 @@ class Flight(ABC):
     def _exceed(self, exceeded: Exceeded, reason: str) -> None:
         """Raise the alarm of a received sample, which may not reach the grid."""
         seq = max(self.head, 0)
-        if raised := self.alarms.exceed(seq, *exceeded, reason, self.clock):
+        if raised := self.alarms.exceed(seq, exceeded, reason, self.clock):
             self._raise_alarms(raised)
         if self._has_new_evidence and self._assessment is not None:
             self._judge(seq, self._assessment)

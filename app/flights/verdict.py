@@ -8,13 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from app.assessment.outcome import (
-    AS_RECORDED,
     EXCEEDED,
     OUTCOMES,
     Outcome,
     RecordedExceedance,
     exceedance_verdict,
     outcome,
+    recorded_verdict,
     verdict_of,
     warning_words,
 )
@@ -22,7 +22,7 @@ from app.assessment.validity import LONGER
 from app.messages import Verdict
 from app.recipes.recipes import from_plain
 from core.flight_events import Alarm
-from core.limits.exceedance import SAME_TIME
+from core.limits.exceedance import NOT_PLAUSIBLE, SAME_TIME, TRIM_UNKNOWN
 from core.monitor import State
 from core.monitor.assessment import REASONS, Cause
 from core.planned_test.collection import DatasetRecipe
@@ -37,11 +37,6 @@ OUTSIDE = f"{EXCEEDED} outside every manoeuvre, where nothing was assessed"
 UNASSESSED = f"{EXCEEDED} before it could be assessed"
 FILLING = "filling the history"
 """Start of the reasons of a monitor that warms up within a manoeuvre."""
-TRIM_UNKNOWN = "trim unknown"
-"""Reason of an exceedance as recorded, of which it is unknown whether it is one from trim."""
-
-NOT_PLAUSIBLE = "beyond any plausible value: check the sensor"
-"""Reason of an exceedance by a value that no aircraft can reach."""
 
 
 class Circumstances(NamedTuple):
@@ -128,7 +123,8 @@ def verdict_of_recording(
         return _verdict(t, lead, text, worst["outcome"], promised)
     if (first := first_exceedance(alarms)) is not None:
         return Verdict(exceeded_t=first.t, lead=None, text=OUTSIDE)
-    return _as_recorded(min(reached))
+    raw = _first(alarms)
+    return _as_recorded(min(reached), (raw and raw.reason) or "")
 
 
 def not_flown(t: float) -> Verdict:
@@ -181,10 +177,8 @@ def _verdict(t: float, lead: float | None, text: str, result: Outcome, promised:
 
 
 def _as_recorded(t: float, reason: str = "") -> Verdict:
-    text = f"{EXCEEDED} as recorded, {TRIM_UNKNOWN}" if TRIM_UNKNOWN in reason else AS_RECORDED
-    if NOT_PLAUSIBLE in reason:
-        text = f"{EXCEEDED}, {NOT_PLAUSIBLE}"
-    return Verdict(exceeded_t=t, lead=None, text=text)
+    doubt = next((doubt for doubt in (NOT_PLAUSIBLE, TRIM_UNKNOWN) if doubt in reason), "")
+    return Verdict(exceeded_t=t, lead=None, text=recorded_verdict(doubt))
 
 
 def _warned(risk: Alarm, exceedance: Alarm, live: bool) -> float:

@@ -10,6 +10,7 @@ from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.mapping.mapping import ChannelSource
 from app.telemetry.targets import as_mapped, in_order, target_of
 from core.channels import Channel, Dictionary
+from core.limits.exceedance import NOT_PLAUSIBLE
 from core.limits.limits import (
     Envelope,
     Specification,
@@ -60,7 +61,9 @@ def headline(manoeuvres: Sequence[Plain], outside: Sequence[Plain] = ()) -> tupl
         consequence = "no guarantee for" if exceeded else "no verdict on"
         words += f"; {n} of the {total} manoeuvres {'is' if n == 1 else 'are'} not valid, "
         words += f"{consequence} {'it' if n == 1 else 'them'}"
-    as_recorded = any(manoeuvre.get("recorded_exceedance") for manoeuvre in manoeuvres)
+    raw = [each for m in manoeuvres if (each := m.get("recorded_exceedance"))]
+    doubts = {each.get("doubt", "") for each in (*raw, *outside)}
+    as_recorded = any(each.get("doubt", "") != NOT_PLAUSIBLE for each in raw)
     if level == "good" and (invalid or as_recorded or outside):
         level = "caution"
     if as_recorded:
@@ -71,6 +74,8 @@ def headline(manoeuvres: Sequence[Plain], outside: Sequence[Plain] = ()) -> tupl
     elif outside:
         words = words.replace(NONE_EXCEEDED, f"{NONE_EXCEEDED} in a manoeuvre")
         words += "; a limit was exceeded outside every manoeuvre"
+    if NOT_PLAUSIBLE in doubts:
+        level, words = "bad", f"{words}; a limit was exceeded {NOT_PLAUSIBLE}"
     return level, words
 
 

@@ -47,6 +47,8 @@ class Trace:
     source: signal or derivation in words.   derived: not measured.
     bias: subtracted from the recorded values, in `unit`.   unit: of the values, SI or g.
     why_missing: why no sample has a value, where that is known.
+    sent: (n,) values by the sensor, where some are missing in `values` because no aircraft can
+    reach them; else None.
     """
 
     t: Array
@@ -57,6 +59,7 @@ class Trace:
     bias: float = 0.0
     unit: str = ""
     why_missing: str = ""
+    sent: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)

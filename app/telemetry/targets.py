@@ -168,13 +168,14 @@ def plausible(key: str, trace: Trace) -> Trace:
     """A channel with implausible values replaced by NaN; unchanged if there are none."""
     rows = implausible(key, trace.values, trace.unit)
     release(trace.values)
-    return replace(trace, values=without(trace.values, rows)) if len(rows) else trace
+    return without(trace, rows)
 
 
-def without(values: Array, rows: Indices) -> Array:
-    """Values with some rows replaced by NaN; the same array if there are none."""
+def without(trace: Trace, rows: Indices) -> Trace:
+    """A channel without the values of some rows, which it keeps as sent; unchanged if none."""
     if not len(rows):
-        return values
-    remaining = np.array(values, np.float64)
+        return trace
+    remaining = np.array(trace.values, np.float64)
     remaining[rows] = np.nan
-    return remaining
+    sent = trace.values if trace.sent is None else trace.sent
+    return replace(trace, values=remaining, sent=sent)

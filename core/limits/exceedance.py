@@ -5,7 +5,7 @@ A value equal to its limit exceeds it; a missing value does not. Limits may chan
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import inf, isnan
+from math import inf, isfinite, isnan
 from operator import attrgetter
 from typing import Literal, NamedTuple
 
@@ -18,6 +18,10 @@ SAME_TIME = 1e-6
 """[s] Times that differ by less are equal: a clock may count from 1970."""
 
 Judged = Literal["from_trim", "recorded", "both"]
+NOT_PLAUSIBLE = "beyond any plausible value: check the sensor"
+"""Doubt of an exceedance by a value that no aircraft can reach."""
+TRIM_UNKNOWN = "trim unknown"
+"""Doubt of an exceedance as recorded, of which it is unknown whether it is one from trim."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,10 +40,14 @@ class MeasuredExceedance:
 
 
 class Exceeded(NamedTuple):
-    """A measured exceedance and the time of the sample that the sensor gave [s]."""
+    """A measured exceedance and the time of the sample that the sensor gave [s].
+
+    doubt: NOT_PLAUSIBLE, TRIM_UNKNOWN, or none.
+    """
 
     t: float
     measured: MeasuredExceedance
+    doubt: str = ""
 
 
 @dataclass(slots=True)
@@ -110,6 +118,17 @@ def exceedance(
     if recorded is y or not limits.exceeds(recorded):
         return None
     return _furthest(keys, limits, recorded, "recorded")
+
+
+def exceeded_at(
+    t: float, keys: Sequence[str], limits: Envelope | None, y: Array, recorded: Array
+) -> Exceeded | None:
+    """The limit that a plausible sample at t [s] exceeds, see `exceedance`."""
+    measured = exceedance(keys, limits, y, recorded)
+    if measured is None:
+        return None
+    is_known = measured.judged != "recorded" or isfinite(y[keys.index(measured.channel)])
+    return Exceeded(t, measured, "" if is_known else TRIM_UNKNOWN)
 
 
 def _furthest(
@@ -199,10 +218,9 @@ class Exceedances:
             latched.over for latched in self._latched.values()
         )
 
-    def add(
-        self, t: float, named: MeasuredExceedance, y: Array, limits: Envelope | None = None
-    ) -> None:
+    def add(self, exceeded: Exceeded, y: Array, limits: Envelope | None = None) -> None:
         """Add a received sample beyond a limit, which may not reach the grid. See `update`."""
+        t, named, _ = exceeded
         values = {named.channel: (named.value, named.limit)} | self._beyond(y, limits)
         for key, (value, limit) in values.items():
             self._note(key, t, value, limit)
@@ -218,11 +236,12 @@ class Exceedances:
             if value <= low or value >= high
         }
 
-    def pass_by(self, t: float, named: MeasuredExceedance, goes_on: bool = False) -> None:
+    def pass_by(self, exceeded: Exceeded, goes_on: bool = False) -> None:
         """Add an exceedance that a seek passes; no strip shows it.
 
         goes_on: it lasts to the sample sought, which then starts no new one.
         """
+        t, named, _ = exceeded
         self._note(named.channel, t, named.value, named.limit)
         if goes_on:
             self._over.add(named.channel)
@@ -296,5 +315,5 @@ def of_alarms(alarms: Iterable[tuple[float, MeasuredExceedance]]) -> list[Channe
     """Exceedances per channel from alarms: time [s], and values at their onset."""
     log = Exceedances({})
     for t, named in alarms:
-        log.pass_by(t, named)
+        log.pass_by(Exceeded(t, named))
     return log.of_channels

@@ -38,14 +38,13 @@ from app.flights.sources.lag import Lag
 from app.flights.sources.simulated import SourceError
 from app.flights.sources.udp import UdpAccess, UdpReceiver
 from app.flights.transport import NotPossible
-from app.flights.verdict import NOT_PLAUSIBLE, TRIM_UNKNOWN
 from app.messages import ConditionSignal, LiveChange, LiveStatus, ManoeuvreBegun, TransportState
 from app.telemetry.journal import Journal, JournalFull, Journals
 from app.telemetry.recording import TelemetryError
 from core.channels import LATERAL
 from core.conditions import CONDITION_KEYS, CONDITIONS, ConditionKey
 from core.flight_events import Alarm, FlightMarker
-from core.limits.exceedance import Exceeded, MeasuredExceedance, exceedance
+from core.limits.exceedance import Exceeded, exceeded_at
 from core.monitor import Assessment, Monitor, State
 from core.monitor.peak_forecast import Ahead
 from core.monitor.status import AlarmKind
@@ -327,7 +326,7 @@ class LiveFlight(Flight):
         self.alarms.restore(alarms, active)
         self._received = [
             sample
-            for sample, (t, measured) in replayed
+            for sample, (t, measured, _) in replayed
             if not self._is_alarmed(t, measured.channel, stored_t)
         ]
         return unrecorded
@@ -400,7 +399,8 @@ class LiveFlight(Flight):
         They come first: the sensor's own sample gives an exceedance its time and value.
         """
         for sample, exceeded in self._judged(self._due(until)):
-            self._exceed(exceeded, self._remark(sample, exceeded))
+            reasons = "" if sample.is_dated else TIME_UNKNOWN, sample.beyond, exceeded.doubt
+            self._exceed(exceeded, "; ".join(filter(None, reasons)))
 
     def _due(self, until: float = inf) -> list[ReceivedExceedance]:
         """Received samples up to this time and a little later [s], which wait no more."""
@@ -416,7 +416,7 @@ class LiveFlight(Flight):
         """Note the exceedances of received samples."""
         judged = [(sample, sample.exceeded(self._keys)) for sample in due]
         for sample, exceeded in judged:
-            self.exceedances.add(*exceeded, sample.y, sample.limits)
+            self.exceedances.add(exceeded, sample.y, sample.limits)
             if not sample.is_plausible:
                 self._implausible = exceeded
         return judged
@@ -627,8 +627,7 @@ class LiveFlight(Flight):
     def _fly_one(self, assessed: LiveAssessed, due: float) -> None:
         y, assessment, exceeded, attitude = self._flown(assessed)
         about = due, self.head + 1, attitude, assessed.display
-        unknown = self._unknown_trim(exceeded and exceeded.measured, assessed.judged)
-        self._fly(y, assessment, exceeded, *about, remark=unknown)
+        self._fly(y, assessment, exceeded, *about)
 
     def _flown(self, assessed: LiveAssessed) -> tuple[Array, Assessment, Exceeded | None, Angles]:
         judged, recorded, ruling = assessed.judged, assessed.recorded, assessed.ruling
@@ -638,8 +637,9 @@ class LiveFlight(Flight):
             self._begun.append(begun)
         self._hold(ruling, assessed.assessment.t)
         limits = self.plan.monitor.envelope if ruling is None else ruling.limits
-        measured, t = exceedance(self._keys, limits, judged, recorded), assessed.assessment.t
-        exceeded = self._goes_on(t, recorded) if measured is None else Exceeded(t, measured)
+        t = assessed.assessment.t
+        exceeded = exceeded_at(t, self._keys, limits, judged, recorded)
+        exceeded = exceeded or self._goes_on(t, recorded)
         return assessed.y, assessed.assessment, exceeded, assessed.shown_attitude(self._display)
 
     def _goes_on(self, t: float, recorded: Array) -> Exceeded | None:
@@ -649,20 +649,6 @@ class LiveFlight(Flight):
         channel = self._implausible.measured.channel
         is_missing = np.isnan(recorded[self._keys.index(channel)])
         return self._implausible._replace(t=t) if is_missing else None
-
-    def _remark(self, sample: ReceivedExceedance, exceeded: Exceeded) -> str:
-        doubt = self._unknown_trim(exceeded.measured, sample.y)
-        if not sample.is_plausible:
-            doubt = NOT_PLAUSIBLE
-        reasons = "" if sample.is_dated else TIME_UNKNOWN, sample.beyond, doubt
-        return "; ".join(filter(None, reasons))
-
-    def _unknown_trim(self, exceeded: MeasuredExceedance | None, judged: Array) -> str:
-        """TRIM_UNKNOWN for an exceedance as recorded that may be none, or one, from trim."""
-        if exceeded is None or exceeded.judged != "recorded":
-            return ""
-        is_known = np.isfinite(judged[self._keys.index(exceeded.channel)])
-        return "" if is_known else TRIM_UNKNOWN
 
     def _settle_later(self) -> None:
         deadline = self.scorer.deadline

@@ -19,7 +19,7 @@ from app.flights.planned_card import first_input
 from app.flights.sources.simulated import Track
 from app.recordings.scoring_answers import stored_assessment
 from core.channels import LATERAL
-from core.limits.exceedance import Exceeded, exceedance
+from core.limits.exceedance import Exceeded, exceeded_at
 from core.limits.limits import Envelope
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import STATES, code_of
@@ -136,8 +136,8 @@ class Script(ABC):
 
     def exceeded(self, k: int, limits: Envelope | None) -> Exceeded | None:
         """The limit that sample k exceeds, or one received before it. limits: None if unknown."""
-        measured = exceedance(self.keys, limits, self.judged(k), self.recorded(k))
-        return None if measured is None else Exceeded(float(self.t[k]), measured)
+        samples = self.judged(k), self.recorded(k)
+        return exceeded_at(float(self.t[k]), self.keys, limits, *samples)
 
 
 class FollowedForecast:

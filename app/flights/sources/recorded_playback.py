@@ -68,7 +68,9 @@ class RecordedScript(StoredScript):
         judged = [s["exceedance"] for s in manoeuvres if s["exceedance"] is not None]
         self.fail_t = min((exceedance["t"] for exceedance in judged), default=None)
         recorded = [e for s in manoeuvres if (e := s.get("recorded_exceedance")) is not None]
-        self._exceedances = {self._at(e["t"]): e for e in (*outside, *judged)}
+        recorded += [e for e in outside if e.get("doubt")]
+        judged += [e for e in outside if not e.get("doubt")]
+        self._exceedances = {self._at(e["t"]): e for e in judged}
         self._recorded_exceedances = {self._at(e["t"]): e for e in recorded}
         self.is_checked = all(s["validity"]["valid"] is not None for s in manoeuvres)
         self.manoeuvres = self._manoeuvres = manoeuvres
@@ -159,7 +161,7 @@ class RecordedScript(StoredScript):
             as_recorded = value + float((self.recorded(k) - self.y(k))[c])
             judged = "both" if limits.is_beyond(c, as_recorded) else "from_trim"
         measured = MeasuredExceedance(channel, value, limits.exceeded(c, value), judged)
-        return Exceeded(between["t"], measured)
+        return Exceeded(between["t"], measured, between.get("doubt", ""))
 
     def exceeding(self, limits: Envelope | None) -> Indices:
         if limits is None:

@@ -247,7 +247,7 @@ class TrackFlight(Flight):
         self._late = script.late(k)
         self._hold(self._ruled(k), float(script.t[k]))
         for sample in script.received(k):
-            self.exceedances.add(*sample.exceeded(script.keys), sample.y, sample.limits)
+            self.exceedances.add(sample.exceeded(script.keys), sample.y, sample.limits)
         assessment, display = self._assessed(k)
         about = self._exceeded(k), due.due, k, script.attitude(k), display
         self._fly(script.y(k), assessment, *about)
@@ -271,7 +271,7 @@ class TrackFlight(Flight):
         for at, kind in sorted(passed | under_way):
             exceeded, ruling = self._exceeded(at) if kind == "limit" else None, self._ruled(at)
             if exceeded is not None:
-                self.exceedances.pass_by(*exceeded, goes_on=(at, kind) in under_way)
+                self.exceedances.pass_by(exceeded, goes_on=(at, kind) in under_way)
             seq, (assessment, _) = self.head + 1, self._assessed(at)
             self._raise_alarms(
                 self.alarms.update(

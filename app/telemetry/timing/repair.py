@@ -99,7 +99,7 @@ def _plausible(
     """A channel without implausible values, its quality and its faults."""
     t, x = trace.t, trace.values
     beyond = implausible(key, x, trace.unit)
-    plausible = replace(trace, values=without(x, beyond))
+    plausible = without(trace, beyond)
     quality, marks = channel_quality(key, t, plausible.values, step)
     if not len(beyond):
         return plausible, quality, marks

@@ -20,7 +20,7 @@
 import { secondsText } from "../lib/clock.js";
 import { formatted, h, put } from "../lib/dom.js";
 import { isBeyond, limitText } from "../lib/limits.js";
-import { figure, formatValue, reading, shownIn } from "../lib/numbers.js";
+import { figure, formatValue, quantity, reading, shownIn } from "../lib/numbers.js";
 
 const LONG = 6; // letters of a symbol
 export const NOTHING = { low: NaN, high: NaN };
@@ -118,7 +118,7 @@ function createReadout(element, strip, large) {
     put(badge, latch.hidden ? "ALERT" : "LIMIT");
     if (exceeded === null) return;
     const { t, value: peak } = exceeded;
-    put(latch, `${peak < 0 ? "▼" : "▲"} ${secondsText(t)}, peak ${reading(strip, peak)}`);
+    put(latch, `${peak < 0 ? "▼" : "▲"} ${secondsText(t)}, peak ${quantity(strip, peak)}`);
   }
 
   return { show };

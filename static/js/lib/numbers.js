@@ -21,6 +21,8 @@ import { remember, remembered } from "./storage.js";
 
 const UNITS = ["bytes", "kB", "MB", "GB", "TB"];
 
+const READABLE = 1e9; // larger numbers are written with a power of ten
+
 export const count = (n) => n.toLocaleString("en");
 
 export const counted = (n, one, several = `${one}s`) => `${count(n)} ${n === 1 ? one : several}`;
@@ -37,7 +39,7 @@ export function interval([low, high], digits = 1) {
 
 export function figure(number, digits = 3) {
   if (number == null) return "–";
-  return String(Number(number.toPrecision(digits))).replaceAll("-", "−");
+  return String(Number(number.toPrecision(digits))).replaceAll("-", "−").replace("e+", "e");
 }
 
 export function rounded(number) {
@@ -63,6 +65,7 @@ export function timeZero(start) {
 export function formatValue(value, decimals = 3) {
   if (!Number.isFinite(value)) return "–";
   const size = Math.abs(value);
+  if (size >= READABLE) return figure(value);
   const text = size.toFixed(size < 100 ? decimals : Math.min(1, decimals));
   return value < 0 && Number(text) !== 0 ? `−${text}` : text;
 }

@@ -9,6 +9,7 @@ const MOST_NAMED = 6;
 export const NO_CLOCK = "the file gives neither date nor clock for these times";
 
 export const AS_RECORDED = "LIMIT AS RECORDED"; // an exceedance as recorded that is none relative to trim
+export const LIMIT_IN_DOUBT = "LIMIT IN DOUBT"; // no aircraft reaches the value, or its trim is unknown
 
 const MAPPING_STATES = {
   proposed: { word: "unconfirmed", level: "caution", text: "proposed from names and values" },
@@ -34,9 +35,9 @@ export function measuredBy(channels, key) {
 }
 
 function outsideText({ outside_exceedances: outside, channels }) {
-  const parts = outside.map(({ t, channel, value }) => {
+  const parts = outside.map(({ t, channel, value, doubt = "" }) => {
     const measured = measuredBy(channels, channel);
-    return `${measured.symbol} exceeds its limit outside every manoeuvre: ${quantity(measured, value)} at ${secondsText(t)}`;
+    return `${measured.symbol} exceeds its limit outside every manoeuvre: ${quantity(measured, value)} at ${secondsText(t)}${doubt && `, ${doubt}`}`;
   });
   return parts.length ? `${parts.join("; ")}.` : "";
 }

@@ -10,7 +10,13 @@ import pytest
 from app.flights.ended import records
 from app.messages import Hello
 from core.channels import KEYS
-from core.limits.exceedance import ChannelExceedances, Exceedances, MeasuredExceedance, exceedance
+from core.limits.exceedance import (
+    ChannelExceedances,
+    Exceedances,
+    Exceeded,
+    MeasuredExceedance,
+    exceedance,
+)
 from core.limits.limits import Limits
 from tests.app.flights.test_flight_limits import Range
 from tests.app.flights.test_flight_limits import run as run_range
@@ -56,7 +62,7 @@ def test_received_samples_and_those_of_the_grid_count_alike_in_any_order() -> No
 
     def add(log: Exceedances) -> None:
         for t in received:
-            log.add(t, over, np.zeros(6))
+            log.add(Exceeded(t, over), np.zeros(6))
 
     def update(log: Exceedances) -> None:
         for t, is_over in on_grid:
@@ -76,7 +82,7 @@ def test_a_sample_of_the_grid_beside_received_ones_changes_no_time_and_no_value(
     log = Exceedances(dict.fromkeys(KEYS, 0.0), near=0.1)
     over = MeasuredExceedance("Ny", 0.6, 0.5, "both")
     received, on_grid = (np.where(np.arange(6) == NY, ny, 0.0) for ny in (0.6, 0.9))
-    log.add(1.02, over, received, LIMITS)
+    log.add(Exceeded(1.02, over), received, LIMITS)
     log.update(0.95, on_grid, LIMITS, exceedance(KEYS, LIMITS, on_grid, on_grid))
     (of_channel,), (latched,) = log.of_channels, log.latched
     assert (of_channel.n, of_channel.first_t, of_channel.worst) == (1, 1.02, 0.6)

@@ -82,7 +82,13 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Flown:
 def test_its_scoring_judges_by_the_limits_that_were_in_force(flown: Flown) -> None:
     (manoeuvre,) = flown.scoring["manoeuvres"]
     (alarm,) = [one for one in flown.alarms if one["kind"] == "limit"]
-    assert manoeuvre["exceedance"] == {"t": 90 * DT, "channel": "Ny", "value": 0.44, "limit": TIGHT}
+    assert manoeuvre["exceedance"] == {
+        "t": 90 * DT,
+        "channel": "Ny",
+        "value": 0.44,
+        "limit": TIGHT,
+        "doubt": "",
+    }
     assert (alarm["t"], alarm["exceedance"]["limit"]) == (90 * DT, TIGHT)
     assert manoeuvre["exceedance_verdict"] == "LIMIT EXCEEDED, INVALID, no verdict"
     assert manoeuvre["own_exceedance"] is None

@@ -14,7 +14,7 @@ import { h } from "../../lib/dom.js";
 import { createEventList } from "../../lib/event_list.js";
 import { magnitudeIn, quantity, riskText } from "../../lib/numbers.js";
 import { STATE_WORDS } from "../../lib/states.js";
-import { AS_RECORDED, measuredBy } from "../words.js";
+import { AS_RECORDED, LIMIT_IN_DOUBT, measuredBy } from "../words.js";
 
 export function createScoredEvents(events, visit) {
   const list = h("section.event-panel", { "aria-label": "Events" });
@@ -42,10 +42,11 @@ function ofLimits({ start, name, version, case: condition, limits }) {
   return { t: start, text, level: limits === null ? "caution" : "" };
 }
 
-function ofExceedance({ t, channel, value, limit = null }, channels, where = "") {
+function ofExceedance({ t, channel, value, limit = null, doubt = "" }, channels, where = "") {
   const measured = measuredBy(channels, channel);
   const beside = limit === null ? "" : `, limit ${magnitudeIn(measured, limit)}`;
-  return { t, text: `${measured.symbol} exceeds its limit${where}: ${quantity(measured, value)}${beside}`, level: "caution" };
+  const text = `${measured.symbol} exceeds its limit${where}: ${quantity(measured, value)}${beside}${doubt && `, ${doubt}`}`;
+  return { t, text, level: "caution" };
 }
 
 function ofManoeuvre(manoeuvre, channels, alertAbove) {
@@ -58,7 +59,7 @@ function ofManoeuvre(manoeuvre, channels, alertAbove) {
     withdrawn !== null && { t: withdrawn, text: `${name} is INVALID: risk withdrawn from here`, level: "caution" },
     ...alerts.map(([from, to]) => ({ t: from, text: alertText(from, to), level: "alert" })),
     exceedance && ofExceedance(exceedance, channels),
-    raw && ofExceedance(raw, channels, " as recorded, but not relative to trim"),
+    raw && ofExceedance(raw, channels, raw.doubt ? " as recorded" : " as recorded, but not relative to trim"),
     isPeak && { t: peak, text: `peak risk of ${name}: ${riskText(risk, alertAbove)}`, level: "" },
   ].filter(Boolean);
 }
@@ -75,7 +76,7 @@ export function scoringStarts({ request, manoeuvres }) {
 
 export function flagsOf({ manoeuvres }) {
   const raw = manoeuvres.map(({ recorded_exceedance: exceedance }) => exceedance).filter(Boolean);
-  return raw.map(({ t, channel }) => ({ key: channel, t, word: AS_RECORDED }));
+  return raw.map(({ t, channel, doubt }) => ({ key: channel, t, word: doubt ? LIMIT_IN_DOUBT : AS_RECORDED }));
 }
 
 export function exceededIn({ manoeuvres, outside_exceedances: outside }) {

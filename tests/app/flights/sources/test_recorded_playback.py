@@ -138,12 +138,15 @@ def test_a_recorded_exceedance_between_two_samples_is_that_of_the_sample_after_i
     outside = [{"t": 3367.5, "channel": "Ny", "value": -0.7}]
     played = RecordedScript(samples, MANOEUVRES, DT, forecasts=True, outside=outside)
     found = {k: over for k in range(N) if (over := played.exceeded(k, limits)) is not None}
-    assert {k: (t, over.channel, over.value) for k, (t, over) in found.items()} == {
+    assert {
+        k: (each.t, each.measured.channel, each.measured.value) for k, each in found.items()
+    } == {
         41: (3360.02, "Ny", 0.6),
         190: (3367.5, "Ny", -0.7),
     }
     assert samples["t"][40] < 3360.02 <= samples["t"][41]
-    assert {(over.limit, over.judged) for _, over in found.values()} == {(0.5, "both")}
+    assert {each.measured.judged for each in found.values()} == {"both"}
+    assert {each.measured.limit for each in found.values()} == {0.5}
     samples["y"][41] = np.nan  # nothing tells that it is both
     unknown = RecordedScript(samples, MANOEUVRES, DT, forecasts=True).exceeded(41, limits)
     assert unknown is not None

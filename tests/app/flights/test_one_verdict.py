@@ -1,0 +1,110 @@
+"""A flight, a scoring of its recording and of a file of its samples give one verdict."""
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from core.channels import BY_KEY, KEYS
+from tests.app.flights.test_flight_recordings import DT, FLIGHTS, RECORDINGS, Range
+from tests.support.api import api
+from tests.support.oscillator import Array
+from tests.support.recorded import csv_of, uploaded
+
+WARNED = re.compile(r", warned .*")
+"""In flight a warning counts from when it was raised; this one was not flown in its own time."""
+N, FIRST, NY = 120, 40, KEYS.index("Ny")
+
+
+def calm() -> Array:
+    """(N, 6) two seconds of rest and a rudder doublet that exceeds no limit."""
+    y = np.zeros((N, len(KEYS)))
+    t = DT * np.arange(N - FIRST)
+    y[FIRST:, KEYS.index("delta_r")] = 0.166 * np.select([t < 0.5, t < 1.0], [1.0, -1.0], 0.0)
+    motion = np.sin(3.0 * t) * np.exp(-0.5 * t)
+    y[FIRST:, :4] = motion[:, None] * np.array([0.02, 0.05, 0.05, 0.32])
+    return y
+
+
+def with_ny(*values: tuple[int, float]) -> Array:
+    y = calm()
+    for k, ny in values:
+        y[k, NY] = ny
+    return y
+
+
+WAYS = {
+    "calm": calm(),
+    "exceeds_from_trim": with_ny((60, 0.7)),
+    "largest_number": with_ny((60, 1e300)),
+    "one_sample_of_500_g": with_ny((60, 500.0)),
+    "failed_sensor": with_ny(*((k, -500.0) for k in range(60, 72))),
+    "failed_before_it_exceeds": with_ny((48, 500.0), (90, 0.7)),
+    "exceeds_before_it_fails": with_ny((48, 0.7), (90, 500.0)),
+    "exceeds_as_recorded": calm() + 0.3 * (np.arange(6) == NY),
+    "fails_at_rest": with_ny((20, 500.0)),
+}
+
+
+@pytest.fixture(scope="module")
+def range_(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Range]:
+    root = tmp_path_factory.mktemp("data")
+    with api(root) as client:
+        yield Range(client, root)
+
+
+@pytest.mark.parametrize("trim", ["none", "detected"])
+@pytest.mark.parametrize("way", WAYS)
+def test_a_flight_its_recording_and_a_file_have_one_verdict(
+    range_: Range, way: str, trim: str
+) -> None:
+    y, client = WAYS[way], range_.client
+    flight = range_.start(way, trim=trim)
+    for k, row in enumerate(y.tolist()):
+        range_.push(flight, k, **{key: [value] for key, value in zip(KEYS, row, strict=True)})
+    ended = range_.end(flight)
+    frames = client.get(f"{FLIGHTS}/{flight}/assessments", params={"limit": N}).json()["frames"]
+    file = uploaded(client, csv_of(y, DT), name=f"{way}.csv")
+    signals = {key: each["signal"] for key, each in file["mapping"]["channels"].items()}
+    channels = {key: {"signal": signals[key], "unit": BY_KEY[key].unit} for key in KEYS}
+    mapping = {"channels": channels, "times": file["mapping"]["times"]}
+    client.put(f"{RECORDINGS}/{file['id']}/mapping", json=mapping).raise_for_status()
+    recordings = [range_.recording_of(flight), file]
+    for recording in recordings:
+        request: dict[str, Any] = {"monitor": range_.monitor, "epsilon": ended["epsilon"]}
+        if trim == "none":
+            request |= {"trim": None, "manoeuvres": "entire"}
+        path = f"{RECORDINGS}/{recording['id']}/scorings"
+        answer = client.post(path, json=request)
+        assert answer.status_code == 201, answer.text
+        scoring = answer.json()
+        assert_one_verdict(ended, scoring)
+        path = f"{path}/{scoring['id']}/assessments"
+        scored = client.get(path, params={"limit": N}).json()["frames"]
+        shown = {round(each["t"] / DT): each["p_value"] for each in frames}
+        again = {round(each["t"] / DT): each["p_value"] for each in scored}
+        assert shown == again
+
+
+def assert_one_verdict(ended: dict[str, Any], scoring: dict[str, Any]) -> None:
+    """The verdict of an ended flight is that of the only manoeuvre, or of what is outside it."""
+    (manoeuvre,) = scoring["manoeuvres"]
+    outside = scoring["outside_exceedances"]
+    verdict = ended["verdict"]
+    found = [manoeuvre["exceedance"], manoeuvre["recorded_exceedance"], *outside]
+    found = [each for each in found if each is not None]
+    if not found:
+        assert (verdict, ended["exceedances"]) == (None, [])
+        return
+    first = min(found, key=lambda each: each["t"])
+    assert ended["exceedances"][0]["first_t"] == pytest.approx(first["t"])
+    worded = manoeuvre["verdict"]
+    if first not in outside:
+        assert WARNED.sub("", verdict["text"]) == WARNED.sub("", worded["word"].split(";")[0])
+    if manoeuvre["exceedance"] is None and first["doubt"]:
+        assert "check the sensor" in verdict["text"]
+        assert ended["exceedances"][0]["worst"] == first["value"]
+        is_outside = first in outside
+        assert is_outside or (worded["sign"], worded["level"]) == ("▲", "alert")
