@@ -7,6 +7,7 @@ import asyncio
 import os
 import ssl
 import sys
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
@@ -22,6 +23,8 @@ if TYPE_CHECKING:  # slow to import, and not needed for help
 PASSWORD = "FOREWARN_MQTT_PASSWORD"
 PORTS = {"mqtt": 1883, "mqtts": 8883}
 LOCAL = ("127.0.0.1", "::1", "localhost")
+STARTS_S, AGAIN_S = 5.0, 0.1
+"""[s] A listed flight accepts samples after this time at the latest; how often it is asked."""
 LONGEST_KEPT_S = 2**32 - 1
 """The longest time of MQTT: without end."""
 
@@ -74,24 +77,48 @@ def say(text: str) -> None:
 def join_or_start(
     client: LiveClient, options: argparse.Namespace, declared: dict[ConditionKey, float]
 ) -> None:
-    """Join the given flight, or the one in progress of this name and monitor, or start it."""
-    name, flight = options.name or options.source, options.flight
-    if flight is None:
-        wanted = options.monitor_set or options.monitor
-        flights = (
-            each["id"]
-            for each in client.in_progress()
-            if each["name"] == name
-            and each["source"]["kind"] == "live"
-            and wanted == (each["monitor_set"]["id"] if each["monitor_set"] else each["monitor"])
-        )
-        flight = next(flights, None)
+    """Join the given flight, or the one in progress of this name and monitor, or start it.
+
+    Of flights that two commands of a source start at the same moment, the later one ends at once.
+    """
+    name = options.name or options.source
+    flight = options.flight or first_flight(client, options, name)
     if flight is None:
         start_flight(client, options, name, declared)
-    elif client.flight_status(flight)["source"]["kind"] == "live":
-        client.join(flight)
+        flight = first_flight(client, options, name)
+        if flight in (None, client.flight):
+            return
+        client.end()
+    if client.flight_status(flight)["source"]["kind"] == "live":
+        join(client, flight)
     else:
         client.flight = flight
+
+
+def first_flight(client: LiveClient, options: argparse.Namespace, name: str) -> str | None:
+    """The live flight in progress of this name and monitor that began first; None without one."""
+    wanted = options.monitor_set or options.monitor
+    flights = [
+        each["id"]
+        for each in client.in_progress()
+        if each["name"] == name
+        and each["source"]["kind"] == "live"
+        and wanted == (each["monitor_set"]["id"] if each["monitor_set"] else each["monitor"])
+    ]
+    return flights[-1] if flights else None  # the newest is listed first
+
+
+def join(client: LiveClient, flight: str) -> None:
+    """Join a flight, which another command may be starting. OSError."""
+    end = time.monotonic() + STARTS_S
+    while True:
+        try:
+            client.join(flight)
+            return
+        except OSError:
+            if time.monotonic() > end:
+                raise
+        time.sleep(AGAIN_S)
 
 
 def topic_of(prefix: str, source: str) -> str:

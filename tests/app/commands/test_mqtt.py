@@ -1,17 +1,23 @@
 """`forewarn mqtt`: what the broker was told is received, and a silence is never calm."""
 
+import argparse
 import os
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
 
 import httpx2
 import pytest
 
 from app.cli import main
+from app.client import LiveClient
 from app.client.mqtt_bridge import MqttBridge
+from app.commands import mqtt
 from app.settings import Settings
 from app.store.store import open_store
 from core.channels import KEYS
@@ -202,6 +208,33 @@ def test_a_flight_that_a_person_ends_ends_the_bridge(
         httpx2.post(f"{server.url}/api/v1/flights/{flight}/end").raise_for_status()
         assert made.wait(PATIENCE) == 0
     assert far.state(progress="ended")["state"] == "stale"
+
+
+def test_two_commands_of_a_source_at_the_same_moment_share_one_flight(
+    server: LiveServer, monkeypatch: pytest.MonkeyPatch
+):
+    both, listed = threading.Barrier(2), LiveClient.in_progress
+
+    def at_once(client: LiveClient) -> list[dict[str, Any]]:
+        flights = listed(client)
+        if not client.flight:  # neither has started one yet
+            both.wait(PATIENCE)
+        return flights
+
+    monkeypatch.setattr(LiveClient, "in_progress", at_once)
+    parser = argparse.ArgumentParser()
+    mqtt.add(parser)
+    options = parser.parse_args(["F16", "--monitor", server.monitor_id, "--name", "at once"])
+    clients = [LiveClient(server.url, keep_open=True) for _ in range(2)]
+    with ThreadPoolExecutor() as threads:
+        list(threads.map(lambda client: mqtt.join_or_start(client, options, {}), clients))
+    going = [each["id"] for each in listed(clients[0]) if each["name"] == "at once"]
+    assert [client.flight for client in clients] == going * 2
+    for client in clients:
+        client.send(sample(0))
+        assert client.flush()
+        client.close()
+    clients[0].end()
 
 
 @pytest.mark.services
