@@ -22,7 +22,7 @@ study: $(ENOUGH) ## repeat the paper's experiment at a small size and draw its f
 
 studies: $(READY) ## the tables of the guide: campaigns, clearances, near and far aircraft, faults
 	mkdir -p results/studies
-	for study in fault_table validity_matrix near_foreign clearance_errors campaign_study campaign_ceiling; do \
+	for study in fault_table validity_matrix near_foreign clearance_errors campaign_study campaign_ceiling roll_ceiling; do \
 	    $(BIN)/python -m tests.studies.$$study -o results/studies/$$study.csv || exit 1; done
 
 test: $(READY) ## every test but the long campaign of damaged files; a file's tests share a process
