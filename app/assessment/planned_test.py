@@ -8,10 +8,10 @@ import numpy as np
 
 from app.recipes.recipes import from_plain, simulated_test
 from core.channels import LATERAL, Dictionary
-from core.limits.limits import Envelope
+from core.limits.limits import Envelope, envelope_of
 from core.monitor import Monitor
 from core.monitor.validity.flown_input import FreshInputs, InputSupport
-from core.planned_test.collection import DatasetRecipe
+from core.planned_test.planned_test import DatasetRecipe, ManeuverTest
 from core.simulation.aircraft import Aircraft
 from core.simulation.maneuver import COLUMN, Maneuver
 from core.types import Array, Flags
@@ -46,8 +46,10 @@ class PlannedTest:
     length: float | None = None
 
     @classmethod
-    def of(cls, test: DatasetRecipe) -> "PlannedTest":
-        return cls(test.dt, test.specification.envelope, test.maneuver, test.aircraft)
+    def of(cls, test: ManeuverTest) -> "PlannedTest":
+        limits = envelope_of(test.judged_by) or Envelope.unlimited(len(test.dictionary))
+        aircraft = test.aircraft if isinstance(test, DatasetRecipe) else None
+        return cls(test.dt, limits, test.maneuver, aircraft, dictionary=test.dictionary)
 
     @property
     def controls(self) -> tuple[int, ...]:

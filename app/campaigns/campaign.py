@@ -12,10 +12,10 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from app.campaigns.point import CampaignError, Condition, Event, FlownPoint, Point, State
-from app.recipes.recipes import RecipeError, from_plain, read_plain, to_plain
+from app.recipes.recipes import RecipeError, default_test, from_plain, read_plain, to_plain
 from core.bounds import quoted
 from core.clearance.clearance import BuildUp, ClearanceRecipe
-from core.planned_test.planned_test import DatasetRecipe
+from core.planned_test.planned_test import ManeuverTest
 from core.whole_file import write_whole
 
 FORMAT, VERSION = "forewarn campaign", 2
@@ -64,7 +64,8 @@ class Campaign:
         _check_distinct("flight conditions", [condition.name for condition in self.conditions])
         for condition in self.conditions:
             own = [p.peak_deg for p in self.points if p.condition == condition.name]
-            _check_growing(own, condition.test.control_law.actuator.position_limit_deg)
+            law = getattr(condition.test, "control_law", None)
+            _check_growing(own, law and law.actuator.position_limit_deg)
         _check_distinct("points", [point.name for point in self.points])
         known = {condition.name for condition in self.conditions}
         for point in self.points:
@@ -79,9 +80,18 @@ class Campaign:
                     "above 0, at most 1"
                 )
             _check_flown(point)
+            self._check_channels(point)
         over = [point.is_over for point in self.points]
         if sorted(over, reverse=True) != over:
             raise CampaignError("a point is over before an earlier one: fly the points in order")
+
+    def _check_channels(self, point: Point) -> None:
+        n_channels = len(self.condition_of(point).test.dictionary)
+        if point.flown and point.flown.y and len(point.flown.y[0]) != n_channels:
+            raise CampaignError(
+                f"{point.name!r} has flown samples of {len(point.flown.y[0])} channels: give the "
+                f"{n_channels} of its test"
+            )
 
     def extended(
         self,
@@ -196,7 +206,7 @@ class Campaign:
     def condition_of(self, point: Point) -> Condition:
         return next(each for each in self.conditions if each.name == point.condition)
 
-    def test_of(self, point: Point) -> DatasetRecipe:
+    def test_of(self, point: Point) -> ManeuverTest:
         test = self.condition_of(point).test
         return replace(test, maneuver=test.maneuver.with_peak(point.peak_deg))
 
@@ -368,7 +378,9 @@ def from_file(plain: Any, where: str) -> Campaign:
         return Campaign(
             plain["name"],
             tuple(
-                Condition(each["name"], from_plain(DatasetRecipe(), each["test"], "test"))
+                Condition(
+                    each["name"], from_plain(default_test(each["test"]), each["test"], "test")
+                )
                 for each in plain["conditions"]
             ),
             POINTS.validate_python(plain["points"]),

@@ -10,7 +10,7 @@ from app.campaigns.point import CampaignError, Clearing, Point, percent_at_most,
 from core.clearance.clearance import calibrate
 from core.clearance.identification import FlownSegment, Identification, identify_test
 from core.clearance.with_monitor import CLEARED, with_monitor
-from core.planned_test.planned_test import DatasetRecipe
+from core.planned_test.planned_test import DatasetRecipe, ManeuverTest
 
 Progress = Callable[[int, int], object]
 
@@ -21,6 +21,10 @@ CHECKLIST = (
     "Mach, dynamic pressure, mass and configuration are as at the flown steps",
 )
 """Conditions that no fit can check."""
+SENSORS = (
+    "sensors of limited channels and surfaces are calibrated, with the trim of the flown steps"
+)
+"""The first one where flights predict, and no aircraft is identified."""
 MONITORED = "the point's monitor is in force at ε = {epsilon:.2g}, and its alert aborts the flight"
 ONE_STEP = "one step cannot reveal a nonlinear aircraft: fly a second one to exclude it"
 
@@ -29,9 +33,11 @@ def checklist(campaign: Campaign, point: Point) -> tuple[str, ...]:
     """What a person confirms before a point is flown; empty for a first point."""
     n_flown = len(campaign.flown(point.condition))
     monitor = point.clearing and point.clearing.monitor
+    is_linear = campaign.condition_of(point).is_identifiable
+    conditions = CHECKLIST if is_linear else (SENSORS, *CHECKLIST[1:])
     return (
-        *(CHECKLIST if n_flown else ()),
-        *((ONE_STEP,) if n_flown == 1 else ()),
+        *(conditions if n_flown else ()),
+        *((ONE_STEP,) if n_flown == 1 and is_linear else ()),
         *((MONITORED.format(epsilon=monitor.epsilon),) if monitor else ()),
     )
 
@@ -124,18 +130,27 @@ def _p_value_in_words(clearing: Clearing) -> str:
 def identified(campaign: Campaign, condition: str, first: int | None = None) -> Identification:
     """The aircraft at a flight condition, identified from its complete points.
 
-    first: number of points to use; None for all.   CampaignError without a complete point.
+    first: number of points to use; None for all.   CampaignError without a complete point, and for
+    an aircraft that is not linear.
     """
     flown = campaign.flown(condition)[:first]
     if not flown:
         raise CampaignError("no point is complete: fly one before identifying the aircraft")
     test = campaign.condition_of(flown[0]).test
+    if not isinstance(test, DatasetRecipe):
+        raise CampaignError(
+            "derivatives are identified of a linear aircraft alone: the flown steps of this one "
+            "predict the next point by simulated flights, see its clearance"
+        )
     segments = [FlownSegment(samples_of(p.flown), test.dt, p.name) for p in flown if p.flown]
     return identify_test(test, segments)
 
 
-def updated(campaign: Campaign, point: Point) -> DatasetRecipe:
-    """Planned test of a point with the aircraft identified from the complete points."""
+def updated(campaign: Campaign, point: Point) -> ManeuverTest:
+    """Planned test of a point with the aircraft identified from the complete points, or as planned
+    where none can be identified."""
+    if not campaign.condition_of(point).is_identifiable:
+        return campaign.test_of(point)
     known = identified(campaign, point.condition).identified
     flown = campaign.flown(point.condition)
     sources = tuple(f"{step.name} ({step.flown.source})" for step in flown if step.flown)
@@ -144,7 +159,8 @@ def updated(campaign: Campaign, point: Point) -> DatasetRecipe:
 
 def history(campaign: Campaign, condition: str) -> list[Identification]:
     """Identifications after the first complete point, after the second, and so on."""
-    n_flown = len(campaign.flown(condition))
+    flown = campaign.flown(condition)
+    n_flown = len(flown) if flown and campaign.condition_of(flown[0]).is_identifiable else 0
     return [identified(campaign, condition, first) for first in range(1, n_flown + 1)]
 
 

@@ -1,5 +1,6 @@
 """Cut a flown point out of a recording: its manoeuvre on the test's samples, from trim."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,8 +14,9 @@ from app.assessment.validity import surfaces_flown
 from app.campaigns.point import CampaignError, FlownPoint
 from app.telemetry.recording import Recording
 from app.telemetry.timing.repair import RepairedTraces
-from core.channels import KEYS, LATERAL
-from core.planned_test.planned_test import DatasetRecipe
+from core.channels import LATERAL
+from core.limits.limits import Envelope
+from core.planned_test.planned_test import ManeuverTest
 from core.types import Array
 
 ENOUGH = 0.8
@@ -27,7 +29,7 @@ N_SIMULATED = 100
 def flown_point(
     name: str,
     recorded: RepairedTraces,
-    test: DatasetRecipe,
+    test: ManeuverTest,
     marked: Interval | None,
     recording_id: str = "",
 ) -> FlownPoint:
@@ -39,19 +41,20 @@ def flown_point(
     CampaignError if there is no manoeuvre or several, if samples are missing, or if it is not the
     planned one.
     """
-    grid, planned = on_grid(recorded, test.dt, KEYS), PlannedTest.of(test)
+    dictionary, planned = test.dictionary, PlannedTest.of(test)
+    grid = on_grid(recorded, test.dt, dictionary.measured, dictionary)
     recording = grid.recording
     followed = CausalTrim(planned).follow(grid.recording.y, grid.begun)
     segment, span = _segment(name, recording, planned, marked, followed)
     where, n_planned = _times(recording, segment), test.maneuver.n_samples(test.dt)
     part = recording.y[segment.first : segment.last + 1]
-    rest = segment.trim_of(recording.y)
+    rest = segment.trim_of(recording.y, dictionary)
     y = (part - rest)[:n_planned]
-    missing = [key for key, column in zip(KEYS, y.T, strict=True) if not np.isfinite(column).all()]
-    if missing:
+    whole = zip(dictionary.keys, np.isfinite(y).min(axis=0, initial=True), strict=True)
+    if missing := [key for key, is_whole in whole if not is_whole]:
         raise CampaignError(
-            f"{name}: samples of {', '.join(missing)} are missing from {where}: identification "
-            "needs all six channels without gaps"
+            f"{name}: samples of {', '.join(missing)} are missing from {where}: the clearance "
+            f"needs all {len(dictionary)} channels without gaps"
         )
     if len(y) < ENOUGH * n_planned:
         raise CampaignError(
@@ -59,11 +62,12 @@ def flown_point(
             f"{test.dt:g} s: give the whole manoeuvre"
         )
     remark = _flown_as_planned(f"{name}, {where}", y, planned, test)
-    worst = _worst(recorded, planned.limits.high, rest, span)
-    as_is = _worst(recorded, planned.limits.high, np.zeros(len(KEYS)), span)
+    traces = _limited(recorded, test, planned.limits, recording)
+    worst = _worst(traces, planned.limits, rest, span)
+    as_is = _worst(traces, planned.limits, np.zeros(len(dictionary)), span)
     if worst.part < 1.0 <= as_is.part:
         worst = as_is._replace(words=f"{as_is.words} as recorded, trim not subtracted")
-    elsewhere = exceedances_outside(recorded.traces, LATERAL, planned.limits, [span], [rest])
+    elsewhere = exceedances_outside(recorded.traces, dictionary, planned.limits, [span], [rest])
     return FlownPoint(
         f"{name}, {where}",
         tuple(map(tuple, y.tolist())),
@@ -72,14 +76,14 @@ def flown_point(
         recording_id,
         float(recording.t[segment.first]),
         float(recording.t[segment.last]),
-        " ".join([remark, *notes_on_outside(elsewhere, LATERAL)]).strip(),
+        " ".join([remark, *notes_on_outside(elsewhere, dictionary)]).strip(),
     )
 
 
 def aborted_flight(
     name: str,
     recorded: RepairedTraces,
-    test: DatasetRecipe,
+    test: ManeuverTest,
     marked: Interval | None,
     recording_id: str = "",
 ) -> FlownPoint:
@@ -91,14 +95,20 @@ def aborted_flight(
     """
     start, end = (-np.inf, np.inf) if marked is None else (marked.start, marked.end)
     where = "entire recording" if marked is None else f"{start:.2f} to {end:.2f} s"
-    limits = PlannedTest.of(test).limits.high
-    limited = [KEYS[c] for c in np.flatnonzero(np.isfinite(limits))]
-    if missing := [key for key in limited if not _within(recorded, key, start, end)[0].size]:
+    limits, dictionary = PlannedTest.of(test).limits, test.dictionary
+    on_samples = (
+        on_grid(recorded, test.dt, dictionary.measured, dictionary).recording
+        if dictionary.formulas
+        else None
+    )
+    traces = _limited(recorded, test, limits, on_samples)
+    empty = {key for key, (t, _) in traces.items() if not ((t >= start) & (t <= end)).any()}
+    if missing := [key for key in traces if key in empty]:
         raise CampaignError(
             f"{name}: {where} holds no sample of {', '.join(missing)}, which has a limit: map the "
             "channel, or give other times"
         )
-    worst = _worst(recorded, limits, np.zeros(len(KEYS)), (start, end))
+    worst = _worst(traces, limits, np.zeros(len(dictionary)), (start, end))
     return FlownPoint(
         f"{name}, {where}",
         (),
@@ -145,31 +155,48 @@ class _Worst(NamedTuple):
     words: str
 
 
+def _limited(
+    recorded: RepairedTraces, test: ManeuverTest, limits: Envelope, samples: Recording | None
+) -> dict[str, tuple[Array, Array]]:
+    """Times and finite values of each limited channel: every recorded sample, those on the test's
+    samples where it is computed."""
+    traces: dict[str, tuple[Array, Array]] = {}
+    for c in np.flatnonzero(limits.limited):
+        key, t, values = test.dictionary.keys[c], np.empty(0), np.empty(0)
+        if (trace := recorded.traces.channels.get(key)) is not None:
+            t, values = trace.t, trace.values
+        elif samples is not None:
+            t, values = samples.t, samples.y[:, c]
+        traces[key] = t[np.isfinite(values)], values[np.isfinite(values)]
+    return traces
+
+
 def _worst(
-    recorded: RepairedTraces, limits: Array, trim: Array, span: tuple[float, float]
+    traces: dict[str, tuple[Array, Array]],
+    limits: Envelope,
+    trim: Array,
+    span: tuple[float, float],
 ) -> _Worst:
     """Over every recorded sample within a span, minus its trim."""
     worst = _Worst(0.0, "")
-    for c in np.flatnonzero(np.isfinite(limits)):
-        t, values = _within(recorded, KEYS[c], *span)
-        parts = np.abs(values - trim[c]) / limits[c]
+    for c, (key, (t, values)) in zip(np.flatnonzero(limits.limited), traces.items(), strict=True):
+        here = (t >= span[0]) & (t <= span[1])
+        t, off = t[here], values[here] - trim[c] - limits.rest[c]
+        parts = np.maximum(
+            off / (limits.high[c] - limits.rest[c]), off / (limits.low[c] - limits.rest[c])
+        )
         if len(parts) and (part := float(parts.max())) > worst.part:
-            worst = _Worst(part, f"{KEYS[c]} at {t[parts.argmax()]:.2f} s")
+            worst = _Worst(part, f"{key} at {t[parts.argmax()]:.2f} s")
     return worst
 
 
-def _within(recorded: RepairedTraces, key: str, start: float, end: float) -> tuple[Array, Array]:
-    """Times and finite values of a channel from start to end; empty without any."""
-    trace = recorded.traces.channels.get(key)
-    if trace is None:
-        return np.empty(0), np.empty(0)
-    here = (trace.t >= start) & (trace.t <= end) & np.isfinite(trace.values)
-    return trace.t[here], trace.values[here]
-
-
-def _flown_as_planned(where: str, y: Array, planned: PlannedTest, test: DatasetRecipe) -> str:
+def _flown_as_planned(where: str, y: Array, planned: PlannedTest, test: ManeuverTest) -> str:
     """Remark on the flown input, or ""; CampaignError if it is another manoeuvre."""
-    usual = np.abs(test.simulator().rollouts(N_SIMULATED, np.random.default_rng(0)).y).max((0, 1))
+    each = np.abs(test.simulator().rollouts(N_SIMULATED, np.random.default_rng(0)).y).max(axis=1)
+    usual = each.max(axis=0)
+    if planned.dictionary != LATERAL:  # its law moves the surfaces by other amounts than commanded
+        moved = np.median(each, axis=0)[list(planned.controls)]
+        planned = replace(planned, flown=np.where(planned.amplitudes > 0.0, moved, 0.0))
     as_planned, words = surfaces_flown(planned, y, usual)
     if as_planned is False:
         raise CampaignError(

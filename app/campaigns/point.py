@@ -12,12 +12,12 @@ from typing import Literal
 import numpy as np
 
 from core.bounds import quoted
-from core.channels import N_CHANNELS
 from core.clearance.clearance import ClearanceRecipe
 from core.clearance.with_monitor import MONITOR
 from core.evaluation.rates import clopper_pearson
 from core.monitor.recipe import MonitorRecipe
-from core.planned_test.planned_test import DatasetRecipe, needs_limits
+from core.planned_test.nonlinear_test import JsbsimTest
+from core.planned_test.planned_test import DatasetRecipe, ManeuverTest, needs_limits
 from core.types import Array
 
 State = Literal["planned", "on condition", "cleared", "hold", "complete", "aborted"]
@@ -49,10 +49,10 @@ class Event:
 class FlownPoint:
     """A point as flown.
 
-    source: recording and time in it.   y: (n_samples, 6) from trim, one each dt of the test; empty
-    for a point aborted in flight, which is not used for computing.   reached: largest part of a
-    limit.   exceeded: channel and time, or empty.   recording: id, where it is stored.   start,
-    end: in the recording [s].   remark: on the flown input, or empty.
+    source: recording and time in it.   y: (n_samples, n_channels) from trim, one each dt of the
+    test; empty for a point aborted in flight, which is not used for computing.   reached: largest
+    part of a limit.   exceeded: channel and time, or empty.   recording: id, where it is stored.
+    start, end: in the recording [s].   remark: on the flown input, or empty.
     """
 
     source: str
@@ -134,10 +134,21 @@ class Condition:
     """
 
     name: str
-    test: DatasetRecipe
+    test: ManeuverTest
 
     def __post_init__(self) -> None:
         needs_limits(self.test, "a campaign")
+        if isinstance(self.test, JsbsimTest):
+            raise ValueError(
+                "a clearance flies some 30,000 simulated flights, also far beyond the planned "
+                "amplitude, which takes too long with an aircraft of JSBSim: choose a linear or "
+                "nonlinear aircraft"
+            )
+
+    @property
+    def is_identifiable(self) -> bool:
+        """Whether flown steps identify the aircraft: a linear one."""
+        return isinstance(self.test, DatasetRecipe)
 
     @property
     def aircraft(self) -> str:
@@ -182,10 +193,10 @@ def _check_samples(samples: tuple[tuple[float, ...], ...]) -> None:
         y = np.array(samples, np.float64)
     except ValueError:
         y = np.empty((0, 0))
-    if y.ndim != 2 or y.shape[1] != N_CHANNELS or len(y) < 2 or not np.isfinite(y).all():
+    if y.ndim != 2 or len(y) < 2 or not np.isfinite(y).all():
         raise CampaignError(
             f"the flown samples have the shape {y.shape}: give finite samples (n_samples, "
-            f"{N_CHANNELS})"
+            "n_channels)"
         )
 
 
@@ -195,5 +206,5 @@ def percent_at_most(share: float) -> str:
 
 
 def samples_of(point: FlownPoint) -> Array:
-    """(n_samples, 6) of a flown point."""
+    """(n_samples, n_channels) of a flown point."""
     return np.array(point.y, np.float64)

@@ -22,7 +22,7 @@ from app.telemetry.mapping.proposal import propose
 from app.telemetry.reading import columns_of
 from core.clearance.clearance import ClearanceRecipe
 from core.clearance.identification import Identification
-from core.planned_test.planned_test import DatasetRecipe
+from core.planned_test.planned_test import ManeuverTest
 from core.whole_file import write_whole
 
 
@@ -105,7 +105,7 @@ def _new(options: argparse.Namespace) -> int:
     check_file(options.file)
     if options.file.exists():
         raise CampaignError(f"{options.file} exists: give another file for a new campaign")
-    test: DatasetRecipe = plain_recipe(options)["dataset"]
+    test: ManeuverTest = plain_recipe(options)["dataset"]
     promised = given_fields(options, ClearanceRecipe, "epsilon", "guarantee", prefix="clearance_")
     sizes = given_fields(options, ClearanceRecipe, "n_exceeding", "n_aircraft")
     recipe = ClearanceRecipe(**promised, **sizes)
@@ -121,7 +121,7 @@ def _add(options: argparse.Namespace) -> int:
         raise CampaignError(
             "no aircraft was given: give --aircraft for that flight condition, or --recipe"
         )
-    test: DatasetRecipe = plain_recipe(options)["dataset"]
+    test: ManeuverTest = plain_recipe(options)["dataset"]
     condition = Condition(options.condition, test)
     campaign = before.extended(condition, options.steps, options.passes_below, options.criteria)
     return _done(options, before, campaign, lines(campaign))
@@ -226,13 +226,15 @@ def _cut(
     interval = None if options.start is None else Interval(options.start, options.end, point.name)
     mapping = None if options.mapping is None else read_mapping(options.mapping)
     with columns_of(options.recording) as columns:
-        recorded = MappedRecording.of(columns, mapping or propose(columns).mapping).scorable()
-        return cut(options.recording.name, recorded, campaign.test_of(point), interval)
+        test = campaign.test_of(point)
+        mapping = mapping or propose(columns, dictionary=test.dictionary).mapping
+        recorded = MappedRecording.of(columns, mapping).scorable()
+        return cut(options.recording.name, recorded, test, interval)
 
 
 def _identify(options: argparse.Namespace) -> int:
     campaign = load(options.file)
-    flown = [condition for condition in campaign.conditions if campaign.flown(condition.name)]
+    flown = [each for each in campaign.conditions if campaign.flown(each.name)]
     if not flown:
         raise CampaignError("no point is complete: fly one first, then identify the aircraft")
     results = [identified(campaign, condition.name) for condition in flown]

@@ -18,7 +18,7 @@ from app.campaigns.point import CampaignError, Condition
 from app.campaigns.stored import Campaigns, check_next
 from app.jobs.jobs import Result, Task
 from app.jobs.kinds import train_monitor
-from app.jobs.requests import MonitorRequest, linear_request, monitor_request
+from app.jobs.requests import MonitorRequest, dataset_request, monitor_request
 from app.recipes.recipes import RecipeError, from_plain, to_plain
 from app.store.store import Store
 from core.clearance.clearance import ClearanceRecipe
@@ -59,7 +59,7 @@ class ConditionRequest(BaseModel):
 
     def read(self, max_bytes: int) -> tuple[Condition, list[float], float, str]:
         """The flight condition, its steps and their pass criteria. RecipeError."""
-        test = linear_request(self.dataset, max_bytes)
+        _, test = dataset_request(self.dataset, max_bytes)
         try:
             condition = Condition(self.name.strip(), test)
         except ValueError as error:

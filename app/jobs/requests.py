@@ -98,11 +98,6 @@ def dataset_request(plain: Any, max_bytes: int) -> tuple[str, ManeuverTest]:
     return name or dataset_name(recipe), recipe
 
 
-def linear_request(plain: Any, max_bytes: int) -> DatasetRecipe:
-    """Read a dataset's recipe that needs a linear aircraft. RecipeError."""
-    return _linear(dataset_request(plain, max_bytes)[1], "")
-
-
 def amplitude_suggestion(plain: dict[str, Any], max_bytes: int) -> tuple[Suggestion, Maneuver]:
     """The suggested amplitude for a dataset's recipe and the wanted `share` of failing flights.
 

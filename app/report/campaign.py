@@ -16,9 +16,8 @@ from app.report.facts import limited
 from app.report.page import TEMPLATES
 from app.report.strip_chart import CROSS, DOT, STROKE, StripChart
 from core import __version__
-from core.channels import LATERAL
 from core.clearance.identification import Identification
-from core.planned_test.planned_test import DatasetRecipe
+from core.planned_test.planned_test import ManeuverTest
 from core.types import Array
 
 HEIGHT, ROW_HEIGHT = 230.0, 12.0
@@ -45,11 +44,11 @@ def campaign_page(campaign: Campaign) -> str:
     )
 
 
-def input_words(test: DatasetRecipe) -> str:
+def input_words(test: ManeuverTest) -> str:
     """The input step by step: time, surface, deflection; empty if it has too many steps."""
     commands = np.degrees(PlannedTest.of(test).commands)
     lines: list[str] = []
-    names = [LATERAL.channels[c].label for c in LATERAL.of_role("control")]
+    names = [test.dictionary.channels[c].label for c in test.dictionary.of_role("control")]
     for name, command in zip(names, commands.T, strict=True):
         changes = np.flatnonzero(np.diff(command, prepend=0.0))
         if 0 < len(changes) <= MOST_STEPS:
@@ -65,7 +64,7 @@ def _condition(campaign: Campaign, condition: Condition) -> dict[str, Any]:
         "name": condition.name,
         "points": [point for point in campaign.points if point.condition == condition.name],
         "maneuver": kind_label(to_plain(test.maneuver)["kind"]),
-        "limits": limited(LATERAL, test.specification),
+        "limits": limited(test.dictionary, test.judged_by),
         "aircraft": condition.aircraft,
         "plot": build_up_plot(campaign, condition.name),
         "identified": identifications[-1] if identifications else None,

@@ -13,20 +13,22 @@ the distribution of the aircraft that exceed. All predictions use the same rando
 draws hardly change the order of the scores.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from math import ceil, exp, floor, log
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
 from core.bounds import Bounds, check_bounds
+from core.clearance.by_rollouts import PeakRegression
 from core.clearance.joint_model import Law
 from core.clearance.posterior import PlantPosterior, RecordedStep, fit, prior_of
 from core.monitor.calibration import Guarantee, alert_above, failures_needed
-from core.planned_test.planned_test import DatasetRecipe
+from core.planned_test.planned_test import DatasetRecipe, Replans
 from core.seeds import Branch, stream
 from core.simulation.imperfections import channel_array
 from core.tasks import Tasks
@@ -38,6 +40,10 @@ BATCH = 100
 """Aircraft tested and identified at a time."""
 FLIGHTS = 8
 """Flights of the next point by each aircraft tested for exceedance."""
+N_LEARNED = 1_000
+"""Simulated aircraft that teach a prediction by flights alone; they calibrate nothing."""
+SHARED = "aircraft", "condition", "control_law", "pitch_law", "specification", "dt"
+"""What all points of a build-up share, where the test has it."""
 MOST_AIRCRAFT = 20_000
 """Largest number of aircraft tested."""
 RARE = 0.01
@@ -87,13 +93,13 @@ class ClearanceRecipe:
 
 @dataclass(frozen=True)
 class BuildUp:
-    """The flown points of a build-up, in order, and the next one.
+    """The flown points of a build-up, in order, and the next one, each a ManeuverTest.
 
-    All share one aircraft, control law, limits and sample interval; ClearanceError otherwise.
+    All share SHARED; ClearanceError otherwise.
     """
 
-    flown: tuple[DatasetRecipe, ...]
-    following: DatasetRecipe
+    flown: tuple[Any, ...]
+    following: Any
 
     def __post_init__(self) -> None:
         if not self.flown:
@@ -104,16 +110,16 @@ class BuildUp:
                 "the next point: choose the pilot open_loop"
             )
         for step in self.flown:
-            for part in ("aircraft", "control_law", "specification", "dt"):
-                if getattr(step, part) != getattr(self.following, part):
+            for part in SHARED:
+                if getattr(step, part, None) != getattr(self.following, part, None):
                     raise ClearanceError(
                         f"the {part} of a flown step differs from that of the next point: all "
-                        "points of a build-up share one aircraft, control law, limits and sample "
-                        "interval"
+                        "points of a build-up share one aircraft, flight condition, control law, "
+                        "limits and sample interval"
                     )
 
     @classmethod
-    def fractions(cls, following: DatasetRecipe, fractions: Sequence[float]) -> "BuildUp":
+    def fractions(cls, following: Any, fractions: Sequence[float]) -> "BuildUp":
         """Steps of these fractions of the next point's amplitude."""
         steps = tuple(
             replace(
@@ -129,15 +135,15 @@ class PeakPrediction(NamedTuple):
     """Predicted peak of the next point for n aircraft.
 
     mean, deviation: (n,) of the logarithm of the part of a limit.   quantiles: (n, 3) parts, at
-    QUANTILES.   posterior: of deviates.   checks: (n, k) mean squares that a wrong model or wrong
-    noise makes large.
+    QUANTILES.   checks: (n, k) mean squares that a wrong model or wrong noise makes large.
+    posterior: of deviates; None where the aircraft is not identified.
     """
 
     mean: Array
     deviation: Array
     quantiles: Array
-    posterior: PlantPosterior
     checks: Array
+    posterior: PlantPosterior | None = None
 
     @property
     def score(self) -> Array:
@@ -161,7 +167,7 @@ class PointVerdict(NamedTuple):
     exceed that the prediction alone decides.   p_error: its standard error over other random draws.
     reached: predicted part of a limit, at QUANTILES.
     amplitude_deg: largest recommended amplitude, under its own guarantee; None without one.
-    posterior: of this aircraft's deviates.
+    posterior: of this aircraft's deviates; None where it is not identified.
     """
 
     cleared: bool
@@ -170,63 +176,29 @@ class PointVerdict(NamedTuple):
     p_error: float | None
     reached: tuple[float, float, float]
     amplitude_deg: float | None
-    posterior: PlantPosterior
+    posterior: PlantPosterior | None
 
 
-class PointPredictor:
-    """Identifies aircraft from the flown steps and predicts the peak of the next point.
-
-    All aircraft are predicted with the same draws of deviates, pilots and gusts.
-    """
+class PeakPredictor(ABC):
+    """Predicts the peak of the next point from the flown steps."""
 
     def __init__(self, points: BuildUp, recipe: ClearanceRecipe) -> None:
         self._recipe = recipe
         self.steps = [step.simulator() for step in points.flown]
         self.following = points.following.simulator()
-        law = points.following.control_law
-        self._law = Law(self.following.controller, law.actuator)
-        self.plant = self.following.plant
-        self._deviates = self._stream().standard_normal((recipe.n_draws, self.plant.root.shape[1]))
 
     @property
+    @abstractmethod
     def checks(self) -> tuple[str, ...]:
-        words: list[str] = []
-        for number in range(1, len(self.steps) + 1):
-            of = f"step {number}" if len(self.steps) > 1 else "the flown step"
-            words.append(f"residuals of {of} exceed the noise")
-            words.append(
-                f"{of} disagrees with the steps before it: the aircraft may be nonlinear"
-                if number > 1
-                else f"{of} is far from the expected aircraft"
-            )
-        return tuple(words)
+        """What each check of a prediction finds."""
 
-    def _stream(self) -> np.random.Generator:
-        return stream(self._recipe.seed, Branch.CLEARANCE, 1)
+    @abstractmethod
+    def sample(self, n: int, rng: np.random.Generator) -> Array:
+        """Theta (n, n_parameters) of aircraft that can be flown."""
 
+    @abstractmethod
     def predict(self, records: Sequence[Array]) -> PeakPrediction:
-        """Identify n aircraft and predict.   records: (n, n_samples, 6) of each step."""
-        n = len(records[0])
-        posterior, checks = prior_of(self.plant, n), []
-        for simulator, y in zip(self.steps, records, strict=True):
-            noise = channel_array(simulator.recipe.noise)
-            step = RecordedStep(y, simulator.recipe.dt, noise)
-            fitted = fit(self.plant, self._law, [step], posterior)
-            posterior = fitted.posterior
-            checks += [fitted.chi_square[:, 0], fitted.distance]
-        roots = np.linalg.cholesky(posterior.covariance)
-        peaks = [
-            self.following.fly(self.plant.theta_of(mean + self._deviates @ root.T), self._stream())
-            for mean, root in zip(posterior.mean, roots, strict=True)
-        ]
-        parts = np.log(np.minimum([peak for _, peak in peaks], 1e6))
-        return PeakPrediction(
-            parts.mean(axis=1),
-            np.maximum(parts.std(axis=1, ddof=1), LEAST_SCATTER),
-            np.exp(np.quantile(parts, QUANTILES, axis=1, method="weibull").T),
-            posterior,
-            np.stack(checks, axis=1),
-        )
+        """records: (n, n_samples, n_channels) of each step by n aircraft."""
 
     def amplitudes(self, theta: Array, rng: np.random.Generator) -> Array:
         """(n,) factor on the next point's amplitude at which these flights just reach a limit.
@@ -249,6 +221,107 @@ class PointPredictor:
         reach = np.log(self.amplitudes(theta, rng))
         prediction = self.predict([step.fly(theta, rng)[0].y for step in self.steps])
         return prediction.score, reach + prediction.mean, prediction.checks
+
+    def words(self, number: int) -> str:
+        """A flown step, by its number from 1."""
+        return f"step {number}" if len(self.steps) > 1 else "the flown step"
+
+
+class RolloutPredictor(PeakPredictor):
+    """Predicts by a regression over flights of simulated aircraft, for any simulator."""
+
+    def __init__(self, points: BuildUp, recipe: ClearanceRecipe) -> None:
+        super().__init__(points, recipe)
+        rng = stream(recipe.seed, Branch.CLEARANCE, 5)
+        flights, limits = self.following, self.following.limits
+        theta = self.sample(N_LEARNED, rng)
+        records = [step.fly(theta, rng)[0].y for step in self.steps]
+        _, peaks = flights.fly(theta, rng)
+        self._regression = PeakRegression.fit(records, np.log(np.minimum(peaks, 1e6)), limits)
+
+    @property
+    def checks(self) -> tuple[str, ...]:
+        return tuple(
+            f"{self.words(number)} is unlike those of simulated aircraft"
+            f"{', or disagrees with the steps before it' if number > 1 else ''}"
+            for number in range(1, len(self.steps) + 1)
+        )
+
+    def sample(self, n: int, rng: np.random.Generator) -> Array:
+        return self.following.rollouts(n, rng).theta
+
+    def predict(self, records: Sequence[Array]) -> PeakPrediction:
+        mean, checks = self._regression.predict(records)
+        off = self._regression.residuals
+        deviation = np.full(len(mean), max(float(off.std()), LEAST_SCATTER))
+        quantiles = np.exp(mean[:, np.newaxis] + np.quantile(off, QUANTILES, method="weibull"))
+        return PeakPrediction(mean, deviation, quantiles, checks)
+
+
+class PointPredictor(PeakPredictor):
+    """Identifies linear aircraft from the flown steps and predicts the peak of the next point.
+
+    All aircraft are predicted with the same draws of deviates, pilots and gusts.
+    """
+
+    def __init__(self, points: BuildUp, recipe: ClearanceRecipe) -> None:
+        super().__init__(points, recipe)
+        test = points.following
+        assert isinstance(test, DatasetRecipe)
+        simulator = test.simulator()
+        self.plant, self._law = (
+            simulator.plant,
+            Law(simulator.controller, test.control_law.actuator),
+        )
+        self._deviates = self._stream().standard_normal((recipe.n_draws, self.plant.root.shape[1]))
+
+    @property
+    def checks(self) -> tuple[str, ...]:
+        words: list[str] = []
+        for number in range(1, len(self.steps) + 1):
+            of = self.words(number)
+            words.append(f"residuals of {of} exceed the noise")
+            words.append(
+                f"{of} disagrees with the steps before it: the aircraft may be nonlinear"
+                if number > 1
+                else f"{of} is far from the expected aircraft"
+            )
+        return tuple(words)
+
+    def _stream(self) -> np.random.Generator:
+        return stream(self._recipe.seed, Branch.CLEARANCE, 1)
+
+    def sample(self, n: int, rng: np.random.Generator) -> Array:
+        return self.plant.sample(n, rng)
+
+    def predict(self, records: Sequence[Array]) -> PeakPrediction:
+        """Identify n aircraft and predict.   records: (n, n_samples, 6) of each step."""
+        n = len(records[0])
+        posterior, checks = prior_of(self.plant, n), []
+        for simulator, y in zip(self.steps, records, strict=True):
+            step = RecordedStep(y, simulator.dt, channel_array(simulator.test.noise))
+            fitted = fit(self.plant, self._law, [step], posterior)
+            posterior = fitted.posterior
+            checks += [fitted.chi_square[:, 0], fitted.distance]
+        roots = np.linalg.cholesky(posterior.covariance)
+        peaks = [
+            self.following.fly(self.plant.theta_of(mean + self._deviates @ root.T), self._stream())
+            for mean, root in zip(posterior.mean, roots, strict=True)
+        ]
+        parts = np.log(np.minimum([peak for _, peak in peaks], 1e6))
+        return PeakPrediction(
+            parts.mean(axis=1),
+            np.maximum(parts.std(axis=1, ddof=1), LEAST_SCATTER),
+            np.exp(np.quantile(parts, QUANTILES, axis=1, method="weibull").T),
+            np.stack(checks, axis=1),
+            posterior,
+        )
+
+
+def predictor_of(points: BuildUp, recipe: ClearanceRecipe) -> PeakPredictor:
+    """The predictor that identifies the aircraft where it can, else one of simulated flights."""
+    can_identify = isinstance(points.following.simulator(), Replans)
+    return (PointPredictor if can_identify else RolloutPredictor)(points, recipe)
 
 
 @dataclass(frozen=True, eq=False)
@@ -324,28 +397,30 @@ class Clearance:
         return alert_above(recipe.epsilon, self.n_exceeding, recipe.guarantee)
 
     def decide(self, records: Sequence[Array], clear_below: float | None = None) -> PointVerdict:
-        """Decide on the next point.   records: (n_samples, 6) of each flown step, from trim.
+        """Decide on the next point.   records: (n_samples, n_channels) of each flown step, from
+        trim.
 
         clear_below: largest p-value of a cleared point; None for that of the recipe's promise.
         ClearanceError for records that do not fit the flown steps.
         """
-        predictor = PointPredictor(self.points, self.recipe)
+        predictor = predictor_of(self.points, self.recipe)
         if len(records) != len(self.points.flown):
             raise ClearanceError(
                 f"{len(records)} records were given: the build-up has {len(self.points.flown)} "
                 "flown steps, give one for each"
             )
         for number, (y, step) in enumerate(zip(records, predictor.steps, strict=True), start=1):
-            if y.ndim != 2 or y.shape[1] != 6 or not np.isfinite(y).all():
+            n_channels = len(step.dictionary)
+            if y.ndim != 2 or y.shape[1] != n_channels or not np.isfinite(y).all():
                 raise ClearanceError(
-                    f"the record of step {number} has shape {y.shape}: it needs (n_samples, 6) "
-                    "without gaps, all six channels"
+                    f"the record of step {number} has shape {y.shape}: it needs (n_samples, "
+                    f"{n_channels}) without gaps, all channels"
                 )
-            expected = step.recipe.maneuver.n_samples(step.recipe.dt)
+            expected = step.test.maneuver.n_samples(step.dt)
             if not 0.8 * expected <= len(y) <= 1.25 * expected:
                 raise ClearanceError(
                     f"the record of step {number} has {len(y)} samples: the manoeuvre takes "
-                    f"{expected} of {step.recipe.dt:g} s, give exactly the manoeuvre"
+                    f"{expected} of {step.dt:g} s, give exactly the manoeuvre"
                 )
         prediction = predictor.predict([y[np.newaxis] for y in records])
         withdrawn = tuple(
@@ -391,7 +466,7 @@ def calibrate(
     progress: called with (aircraft identified, aircraft to identify); an exception cancels.
     ClearanceError if too few exceed, but more than RARE.
     """
-    predictor = PointPredictor(points, recipe)
+    predictor = predictor_of(points, recipe)
     rng = stream(recipe.seed, Branch.CLEARANCE, 0)
     tried: list[tuple[Array, Array]] = []
     n_tried, n_exceeding = 0, 0.0
@@ -400,7 +475,7 @@ def calibrate(
     ):
         if progress:
             progress(0, recipe.n_aircraft + recipe.n_exceeding)
-        theta = predictor.plant.sample(BATCH, rng)
+        theta = predictor.sample(BATCH, rng)
         flights, _ = predictor.following.fly(np.repeat(theta, FLIGHTS, axis=0), rng)
         exceeding = flights.is_unsafe.reshape(BATCH, FLIGHTS).mean(axis=1)
         kept = (n_tried + np.arange(BATCH) < recipe.n_aircraft) | (exceeding > 0.0)

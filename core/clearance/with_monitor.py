@@ -85,6 +85,11 @@ def with_monitor(
     """
     points, recipe = clearance.points, clearance.recipe
     following = points.following
+    if not isinstance(following, DatasetRecipe):
+        raise ClearanceError(
+            "a clearance with its monitor identifies the aircraft, which needs a linear one: "
+            "compute the clearance alone, and train a monitor of the next point"
+        )
     if clearance.is_rare:
         raise ClearanceError(
             f"{clearance.n_exceeding} of {clearance.n_tried} simulated aircraft exceed a limit at "
@@ -150,7 +155,7 @@ def _exceeding(
         which = flights.is_unsafe
         parts.append((theta[which], flights.y[which], flights.fail_index[which]))
     theta, y, fail_index = (np.concatenate(part)[:n] for part in zip(*parts, strict=True))
-    h = lead_steps(MONITOR.t_early, predictor.following.recipe.dt)
+    h = lead_steps(MONITOR.t_early, predictor.following.test.dt)
     return theta, y, fail_index - h
 
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar, Self
 import numpy as np
 
 from core.bounds import NOT_NEGATIVE
-from core.channels import SIX_DOF
+from core.channels import SIX_DOF, Dictionary
 from core.computed import complete
 from core.limits.flight_limits import QBAR, LoadLimits
 from core.limits.limits import Envelope, IntervalLimits, Specification
@@ -151,6 +151,10 @@ class SixDofTest(ManeuverTest, ABC):
 
     @abstractmethod
     def simulator(self) -> "SixDofSimulator": ...
+
+    @property
+    def dictionary(self) -> Dictionary:
+        return self.specification.dictionary
 
     def _limits(self) -> Specification:
         return self._limits_in_trim

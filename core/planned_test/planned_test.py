@@ -157,6 +157,11 @@ class ManeuverTest(ABC):
         """What judges its flights."""
         return self.pilot.label or self.margins.label or self._limits()
 
+    @property
+    @abstractmethod
+    def dictionary(self) -> Dictionary:
+        """Channels of its flights."""
+
     @abstractmethod
     def _limits(self) -> Specification:
         """What judges its flights unless pilot or margins do."""
@@ -245,6 +250,10 @@ class DatasetRecipe(ManeuverTest):
 
     def simulator(self) -> "LateralSimulator":
         return LateralSimulator(self)
+
+    @property
+    def dictionary(self) -> Dictionary:
+        return LATERAL
 
     def _limits(self) -> Specification:
         return self.specification
@@ -349,6 +358,6 @@ def needs_limits(test: ManeuverTest, what: str) -> None:
 @runtime_checkable
 class Replans(Protocol):
     """A simulator of a planned manoeuvre that can be planned otherwise: other amplitudes, hands,
-    noise or aircraft. Amplitude search, cards and campaigns need one."""
+    noise or aircraft. Cards and identification need one."""
 
     recipe: DatasetRecipe

@@ -191,6 +191,7 @@ def _identified(build_up: FlownBuildUp, number: int) -> Array:
     for first in range(0, len(build_up.theta), BATCH):
         records = [step.y[first : first + BATCH] for step in build_up.flown[:number]]
         posterior = predictor.predict(records).posterior
+        assert posterior is not None
         root = np.linalg.cholesky(posterior.covariance)
         n, m = posterior.mean.shape
         drawn = rng.standard_normal((n, N_CANDIDATES, m)) @ np.swapaxes(root, 1, 2)

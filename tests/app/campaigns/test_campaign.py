@@ -185,7 +185,7 @@ def complete_last(plain: dict[str, Any]) -> dict[str, Any]:
         (lambda plain: plain | {"name": ["c"]}, "give a text"),
         (lambda plain: plain | {"name": "c" * 201}, "has 201 characters"),
         (lambda plain: with_flown(plain, y=[[0.0] * 6] * 2 + [[0.0] * 5]), r"shape \(0, 0\)"),
-        (lambda plain: with_flown(plain, y=[[0.0] * 5] * 3), r"shape \(3, 5\)"),
+        (lambda plain: with_flown(plain, y=[[0.0] * 5] * 3), "5 channels"),
         (lambda plain: with_flown(plain, y=[]), "lacks flown samples"),
         (lambda plain: with_flown(plain, reached=-5.0), "a part of a limit, 0 or more"),
         (lambda plain: with_event(plain, at="yesterday"), "in ISO 8601"),

@@ -102,6 +102,8 @@ def test_a_record_is_predicted_alike_alone_and_among_others(clearance: Clearance
     twice = predictor.predict([np.repeat(y[np.newaxis], 2, axis=0) for y in records])
     alone = clearance.decide(records)
     assert twice.score[0] == pytest.approx(twice.score[1], rel=1e-9)
+    assert twice.posterior is not None
+    assert alone.posterior is not None
     np.testing.assert_allclose(twice.posterior.mean[0], alone.posterior.mean[0], atol=1e-6)
     assert alone.p_value == pytest.approx(float(clearance.p_values(twice.score)[0]))
     assert alone.p_error == pytest.approx(float(clearance.p_errors(twice.score)[0]))
@@ -165,7 +167,7 @@ def test_checks_withdraw_few_of_their_calibration_aircraft(clearance: Clearance)
     [
         (lambda records: [], "0 records were given"),
         (lambda records: [records[0][:40]], "has 40 samples"),
-        (lambda records: [records[0][:, :4]], "all six channels"),
+        (lambda records: [records[0][:, :4]], "all channels"),
         (lambda records: [np.where(records[0] > 0.01, np.nan, records[0])], "without gaps"),
     ],
 )

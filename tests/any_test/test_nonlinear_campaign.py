@@ -1,0 +1,137 @@
+"""A build-up of a nonlinear aircraft: planned, cleared from flown steps, and what is refused."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.campaigns.campaign import Campaign, from_file, load, points_at
+from app.campaigns.clearing import identified, updated
+from app.campaigns.flying import aborted_flight
+from app.campaigns.point import CampaignError, Condition
+from app.cli import main
+from app.recordings.mapped_recording import MappedRecording
+from app.report.campaign import campaign_page
+from app.telemetry.mapping.proposal import propose
+from app.telemetry.reading import columns_of
+from core.clearance.clearance import (
+    BuildUp,
+    Clearance,
+    ClearanceError,
+    ClearanceRecipe,
+    RolloutPredictor,
+    calibrate,
+)
+from core.clearance.with_monitor import with_monitor
+from core.planned_test.nonlinear_test import JsbsimTest, NonlinearTest
+from core.simulation.maneuver import MANEUVERS
+from core.types import Array, Flags
+from tests.support.recorded import csv_of
+
+TEST = NonlinearTest(
+    maneuver=replace(MANEUVERS["rolling_pull_out"], amplitude_jitter=0.03)
+).with_usual()
+RECIPE = ClearanceRecipe(epsilon=0.1, n_exceeding=50, n_aircraft=150, seed=3)
+POINTS = BuildUp.fractions(TEST, (0.6, 0.8))
+
+
+@pytest.fixture(scope="module")
+def clearance() -> Clearance:
+    return calibrate(POINTS, RECIPE)
+
+
+def flights(n: int, seed: int) -> tuple[list[Array], Flags, Array]:
+    """Records of the steps by n aircraft; whether each exceeds at the next point, and its peak."""
+    rng = np.random.default_rng(seed)
+    steps = [step.simulator() for step in POINTS.flown]
+    theta = steps[0].sample(n, rng)
+    records = [step.fly(theta, rng)[0].y for step in steps]
+    next_flights, peaks = TEST.simulator().fly(theta, rng)
+    return records, next_flights.is_unsafe, peaks
+
+
+def test_at_most_epsilon_of_the_points_that_would_exceed_is_cleared(clearance: Clearance) -> None:
+    records, exceeds, peaks = flights(400, 5)
+    prediction = RolloutPredictor(POINTS, RECIPE).predict(records)
+    cleared = clearance.p_values(prediction.score) <= clearance.clear_below
+    cleared &= (prediction.checks <= clearance.levels).all(axis=1)
+    n, epsilon = exceeds.sum(), RECIPE.epsilon
+    error = np.sqrt(epsilon * (1 - epsilon) * (1 / n + 1 / clearance.n_exceeding))
+    assert cleared[exceeds].mean() <= epsilon + 3 * error
+    assert cleared[~exceeds].mean() > 0.5
+    assert np.corrcoef(prediction.mean, np.log(peaks))[0, 1] > 0.9
+
+
+def test_a_step_unlike_those_of_simulated_aircraft_withdraws_it(clearance: Clearance) -> None:
+    first, second = (records[0] for records in flights(1, 6)[0])
+    assert not clearance.decide([first, second]).withdrawn
+    more = second.copy()
+    more[:, TEST.dictionary.index("Nz")] += 0.4
+    assert clearance.decide([first, more]).withdrawn
+
+
+def test_its_monitor_is_no_part_of_the_clearance(clearance: Clearance) -> None:
+    with pytest.raises(ClearanceError, match="linear"):
+        with_monitor(clearance)
+
+
+def recording(path: Path, campaign: Campaign) -> Path:
+    """The next point as the nominal aircraft flies it, with a second of trim before."""
+    test = campaign.test_of(campaign.next.point)
+    simulator = test.simulator()
+    y = simulator.fly(simulator.parameters.nominal[np.newaxis], np.random.default_rng(1))[0].y[0]
+    y = np.vstack([np.repeat(y[:1], 20, axis=0), y, np.repeat(y[:1], 40, axis=0)])
+    keep = [test.dictionary.index(key) for key in test.dictionary.measured]
+    head = ["t_s"] + [f"{c.key} [{c.unit}]" for c in test.dictionary.channels if not c.formula]
+    path.write_bytes(csv_of(y[:, keep], test.dt, head=",".join(head)))
+    return path
+
+
+def test_the_command_line_flies_a_build_up(tmp_path: Path) -> None:
+    file = tmp_path / "pull.json"
+    by = ["--by", "Ann"]
+    test = ["--aircraft", "f16_polynomial", "--maneuver", "rolling_pull_out"]
+    sizes = ["--n-aircraft", "100", "--n-exceeding", "20", "--clearance-epsilon", "0.2"]
+    new = ["campaign", "new", str(file), "--name", "Pull-out", *test, *sizes]
+    assert main([*new, "--limit", "wing_bending=..250000", "--steps", "0.6", "0.8", "1"]) == 0
+    assert main(["campaign", "confirm", str(file), *by]) == 0
+    flown = recording(tmp_path / "flight1.csv", load(file))
+    assert main(["campaign", "fly", str(file), str(flown), *by]) == 0
+    campaign = load(file)
+    point = campaign.points[0]
+    assert point.flown is not None
+    assert len(point.flown.y[0]) == len(campaign.test_of(point).dictionary)
+    assert 0.5 < point.flown.reached < 1.0
+    assert not point.flown.remark
+    assert main(["campaign", "clear", str(file), *by]) in (0, 1)
+    cleared = load(file).next.point.clearing
+    assert cleared is not None
+    assert cleared.steps == (point.name,)
+    assert "Pull-out" in campaign_page(load(file))
+    assert main(["campaign", "identify", str(file)]) == 1
+    next_recipe = tmp_path / "next.json"
+    assert main(["campaign", "recipe", str(file), "-o", str(next_recipe)]) == 0
+    planned = json.loads(next_recipe.read_text())["dataset"]
+    assert planned["maneuver"]["amplitude_deg"] == load(file).next.point.peak_deg
+
+
+def test_an_aircraft_that_flies_too_slowly_is_refused() -> None:
+    with pytest.raises(ValueError, match="JSBSim"):
+        Condition("", JsbsimTest())
+
+
+def test_only_linear_aircraft_are_identified(tmp_path: Path) -> None:
+    condition = Condition("", TEST)
+    campaign = Campaign("pull", (condition,), points_at(condition, (0.6, 1.0)), RECIPE)
+    first = campaign.confirmed("Ann")
+    assert from_file(json.loads(json.dumps(first.as_plain())), "file") == first
+    path = recording(tmp_path / "flight.csv", first)
+    with columns_of(path) as columns:
+        mapping = propose(columns, dictionary=TEST.dictionary).mapping
+        recorded = MappedRecording.of(columns, mapping).scorable()
+        assert aborted_flight("x", recorded, TEST, None).reached > 0.4
+    assert updated(first, first.points[1]) == TEST
+    with pytest.raises(CampaignError):
+        identified(first, "")
