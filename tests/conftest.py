@@ -15,10 +15,14 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
+from app.jobs import training
 from app.store import disk
 from app.telemetry.readers import isolation, worker
 from core.dataset import Dataset
-from core.monitor import Monitor
+from core.evaluation import robustness
+from core.monitor import Monitor, peak_ridge
+from core.monitor.validity import support
+from core.planned_test import amplitude, collection
 from tests.support import oscillator
 from tests.support.attas import trained
 from tests.support.patience import PATIENCE
@@ -147,6 +151,21 @@ def hold_little() -> Iterator[None]:
     """A server here holds the least reserve: writing the full one is a third of its start."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(disk, "RESERVE_BYTES", disk.LEAST_BYTES)
+        yield
+
+
+@pytest.fixture(scope="module")
+def few_flights() -> Iterator[None]:
+    """In a module that shows how training goes, not how well, fewer flights than a user's."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training, "training_rollouts", partial(training.training_rollouts, n=400))
+        patch.setattr(training, "CHOICE_FLIGHTS", 300)
+        patch.setattr(collection, "FIRST_CHUNK", 64)
+        patch.setattr(collection, "FRESH_BATCH", 200)
+        patch.setattr(support, "LEAST", 200)
+        patch.setattr(robustness, "N_NEAR", 15)
+        patch.setattr(amplitude, "PILOT_ROLLOUTS", 100)
+        patch.setattr(peak_ridge, "MOST_FLIGHTS", 400)
         yield
 
 

@@ -78,6 +78,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.usefixtures("few_flights")
 @pytest.mark.parametrize("slug", ["first-monitor", "first-recording", "own-simulator", "method"])
 def test_commands_of_a_page_run(slug: str, folder: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(folder)

@@ -3,7 +3,6 @@
 import json
 import time
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +15,13 @@ from app.catalog import catalog
 from app.cli import main
 from app.recipes.recipes import dataset_recipe
 from core.limits.flight_limits import FLIGHT
-from core.planned_test.collection import training_rollouts
 from core.planned_test.nonlinear_test import JsbsimTest
 from core.simulation.jsbsim import JsbsimAircraft, aircraft_names, functions_of
 from core.simulation.maneuver import MANEUVERS
 from core.simulation.nonlinear import TrimCondition
 from tests.support.api import api, finished, problem
 
+pytestmark = pytest.mark.usefixtures("few_flights")
 DOUBLET: dict[str, Any] = {
     "aircraft": {"kind": "jsbsim", "model": "c172p"},
     "maneuver": {"kind": "pitch_doublet", "amplitude_deg": -6.4, "duration_s": 2.5},
@@ -37,10 +36,7 @@ METHOD: dict[str, Any] = {
 ANYWAY = {"accept_useless": True}  # so few failures train it
 
 
-def test_a_doublet_goes_from_request_to_flight(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("core.monitor.validity.support.LEAST", 60)
-    few = partial(training_rollouts, n=100)
-    monkeypatch.setattr("app.jobs.training.training_rollouts", few)
+def test_a_doublet_goes_from_request_to_flight(tmp_path: Path):
     with api(tmp_path) as client:
         job = finished(client, client.post("/api/v1/datasets", json=DOUBLET))
         dataset = client.get(f"/api/v1/datasets/{job['result']['dataset']}").json()

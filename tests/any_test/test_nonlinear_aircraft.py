@@ -17,6 +17,7 @@ from core.monitor.recipe import METHODS
 from core.simulation.nonlinear_aircraft import NONLINEAR_AIRCRAFT
 from tests.support.api import api, finished, problem
 
+pytestmark = pytest.mark.usefixtures("few_flights")
 METHOD = ["--guarantee", "average", "--predictor", "linear", "--score", "nearest_neighbor"]
 WIND_UP_TURN: dict[str, Any] = {
     "aircraft": {"kind": "ggam_f16c"},
@@ -29,7 +30,7 @@ WIND_UP_TURN: dict[str, Any] = {
 
 
 @pytest.fixture(scope="module")
-def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def trained(tmp_path_factory: pytest.TempPathFactory, few_flights: None) -> Path:
     """The monitor of a pitch doublet, trained on the command line."""
     file = tmp_path_factory.mktemp("nonlinear") / "pitch.fwm"
     test = ["--aircraft", "f16_polynomial", "--limit", "Nz=..2.25g", "--limit", "alpha=..12deg"]
@@ -141,7 +142,7 @@ def test_a_wind_up_turn_goes_from_request_to_flight(tmp_path: Path):
         assert len(seen[0]["y"]) == len(FLIGHT)
         assert "ok" in {frame["state"] for frame in seen}
         assert any(frame["alert"] for frame in seen)
-        sizes = {"dataset": dataset["id"], "n_monitors": 1, "n_test": 200}
+        sizes = {"dataset": dataset["id"], "n_monitors": 1, "n_test": 60}
         job = finished(client, client.post("/api/v1/studies", json=sizes))
         neighbors = ["linear + nearest neighbor", "no prediction", "PCA"]
         others = [*baselines_for(FLIGHT)]

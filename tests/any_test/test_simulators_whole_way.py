@@ -21,6 +21,7 @@ from tests.support.api import served
 from tests.support.patience import PATIENCE, until
 from tests.support.short_period import resting_first
 
+pytestmark = pytest.mark.usefixtures("few_flights")
 PITCH: dict[str, Any] = {
     "channels": {"alpha": "alpha_deg", "q": "q", "Nz": "az", "delta_e": "surface"},
     "inputs": {
@@ -70,7 +71,9 @@ class Own(NamedTuple):
 
 
 @pytest.fixture(scope="module", params=list(KINDS))
-def own(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Own]:
+def own(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, few_flights: None
+) -> Iterator[Own]:
     kind = KINDS[request.param]
     if kind.missing:
         pytest.skip(kind.missing)
@@ -113,8 +116,12 @@ def test_a_flight_is_flown_recorded_scored_and_reported(own: Own):
     source = get(f"{api}/datasets/{own.dataset_id}")["recipe"]
     assert source["simulator"] == own.kind.spec
     assert source.get("point", {}).get("inputs") == (own.kind.point or {}).get("inputs")
-    k = int(np.argmax(own.dataset.fail_index))
-    y = own.dataset.unsafe[k, : own.dataset.fail_index[k] + 1]
+    unsafe, fail_index = own.dataset.unsafe, own.dataset.fail_index
+    assert own.monitor.envelope is not None
+    at_failure = unsafe[np.arange(len(unsafe)), fail_index]
+    is_measured = own.monitor.envelope.exceeds(at_failure)  # noise may hide it
+    k = int(np.argmax(np.where(is_measured, fail_index, -1)))
+    y = unsafe[k, : fail_index[k] + 1]
     y = resting_first(y)
     order = {"source": {"kind": "live", "trim": "detected"}, "monitor": own.id}
     flight = post(f"{api}/flights", order)["id"]
