@@ -9,6 +9,7 @@ from typing import Protocol
 import pytest
 from playwright.sync_api import Browser, Page, WebSocketRoute, expect
 
+from app.routes import scene
 from core.monitor import Monitor
 from tests.browser.chromium import file_server, open_chromium, wait_until
 from tests.browser.recorded_site import RecordedSite, open_recorded_site
@@ -81,6 +82,14 @@ def site(tmp_path_factory: pytest.TempPathFactory, attas: Monitor) -> Iterator[R
     """A server with a monitor, for files that have no other."""
     with open_recorded_site(tmp_path_factory.mktemp("site"), attas) as site:
         yield site
+
+
+@pytest.fixture(scope="module")
+def no_scene() -> Iterator[None]:
+    """Servers of this process send a scene's frame empty: it takes seconds to draw."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(scene, "client_page", lambda: scene.ClientPage(b"<!doctype html>", '"empty"'))
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -11,10 +11,10 @@ from playwright.sync_api import Browser, Locator, Page, WebSocketRoute, expect
 
 from tests.browser.chromium import violations, watch_errors
 from tests.browser.recorded_site import RecordedSite
-from tests.browser.recordings.test_scoring_page import SCENE
 from tests.browser.test_time_of_day import dated, scored
 from tests.browser.window import SIZE
 
+pytestmark = pytest.mark.usefixtures("no_scene")
 KEYS = ["Ny", "risk", "beta", "p", "r", "delta_a", "delta_r"]
 """Strips of a scoring, from top to bottom."""
 DRAWN = """() => [...document.querySelectorAll("canvas")].map((canvas) => canvas.toDataURL())"""
@@ -219,9 +219,8 @@ def test_a_file_that_is_no_layout_of_these_channels_gets_one_error(
 
 
 @pytest.fixture
-def flight(site: RecordedSite, allowed_errors: list[str]) -> Iterator[str]:
+def flight(site: RecordedSite) -> Iterator[str]:
     """A flight that exceeds a limit, at its end."""
-    allowed_errors.extend(SCENE)
     source = {"kind": "simulated", "seed": 3, "outcome": "unsafe"}
     order = {"source": source, "monitor": site.monitor, "epsilon": 0.1}
     flight = site.ask("POST", "/flights", json=order)["id"]
