@@ -17,7 +17,7 @@ from tests.benchmarks.test_bench_live import flown, start
 from tests.browser.chromium import open_chromium
 
 pytestmark = pytest.mark.benchmark
-N_PAGES, N_ENDED, PAIRS, HZ = 3, 10_000, 7, 50.0
+N_PAGES, N_ENDED, PAIRS, HZ = 3, 3_000, 5, 50.0
 
 
 def copy_ended(directory: Path, flight: str) -> None:
@@ -43,14 +43,14 @@ def end(server: Server, flight: str) -> None:
 def test_open_fly_pages_beside_a_live_flight(tmp_path: Path) -> None:
     """The flight exceeds a limit in each run, so that the lists change."""
     with serving(tmp_path, dt=1.0 / HZ) as server:
-        (first,) = start(server, 1)
-        flown(server, [first], 1, HZ)
+        (first,) = server.fly(1)  # a live flight would have a journal, which its copies have not
         end(server, first)
     copy_ended(tmp_path, first)
     rises, cpu = [], []
     with serving(tmp_path, dt=1.0 / HZ) as server, open_chromium() as browser:
-        while server.client.get("/api/v1/integrity").json()["state"] != "checked":
+        while (health := server.client.get("/api/v1/integrity").json())["state"] != "checked":
             time.sleep(0.5)
+        assert health["damaged"] == []
         for pair in range(PAIRS):
             p99 = {}
             for n_pages in (0, N_PAGES) if pair % 2 else (N_PAGES, 0):
