@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
-from app.jobs import training
+from app.jobs import requests, training
 from app.store import disk
 from app.telemetry.readers import isolation, worker
 from core.dataset import Dataset
@@ -27,7 +27,7 @@ from tests.support import oscillator
 from tests.support.attas import trained
 from tests.support.patience import PATIENCE
 from tests.support.postgresql import PostgreSQL, running
-from tests.support.repetition import examples
+from tests.support.repetition import IS_CAMPAIGN, examples
 
 CARRY_OUT, WARM_UP = isolation.carry_out, isolation.warm_up
 LONG = (
@@ -83,7 +83,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with the browser tests: those of one worker share a browser. Then come long files.
 
     At the end no worker is to wait for another that has a long file left. Tests of faults wait for
-    other processes most of the time: each of their files comes just before one that computes.
+    other processes most of the time: each of their files comes just before one that computes. The
+    campaign's longest file takes about as long as all others, and comes first.
     """
     first = ("browser/", "faults/", *LONG)
     files: dict[str, list[pytest.Item]] = {}
@@ -94,10 +95,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         return next((i for i, name in enumerate(first) if file.startswith(name)), len(first))
 
     browser, waiting, computing = [], [], []
-    for file in sorted(files, key=place):
+    campaign = [file for file in files if IS_CAMPAIGN and file.startswith(LONG[0])]
+    for file in sorted({*files} - {*campaign}, key=place):
         {0: browser, 1: waiting}.get(place(file), computing).append(file)
     mixed = [file for pair in zip_longest(waiting, computing) for file in pair if file]
-    items[:] = [item for file in browser + mixed for item in files[file]]
+    items[:] = [item for file in campaign + browser + mixed for item in files[file]]
 
 
 @pytest.fixture(scope="session")
@@ -160,6 +162,7 @@ def few_flights() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(training, "training_rollouts", partial(training.training_rollouts, n=400))
         patch.setattr(training, "CHOICE_FLIGHTS", 300)
+        patch.setattr(requests, "N_TEST", 300)
         patch.setattr(collection, "FIRST_CHUNK", 64)
         patch.setattr(collection, "FRESH_BATCH", 200)
         patch.setattr(support, "LEAST", 200)

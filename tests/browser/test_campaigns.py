@@ -19,6 +19,7 @@ from tests.browser.fly.test_fly_page import Fly, site, stored
 from tests.browser.site import Site
 
 __all__ = ["site", "stored"]
+pytestmark = pytest.mark.usefixtures("few_flights")
 TEST = {
     "aircraft": {"kind": "attas_id_16kft"},
     "control_law": {"kind": "none"},
