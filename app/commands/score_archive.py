@@ -2,12 +2,11 @@
 
 import argparse
 import os
-import re
 import sys
 from dataclasses import asdict
 from pathlib import Path
 
-from app.commands.options.option import add_output, add_scheduler, option
+from app.commands.options.option import add_json, add_scheduler, option
 from app.commands.options.scoring import add_scoring_options, request_of
 from app.commands.output.results import print_result, progress_bar
 from core.counted import counted
@@ -25,7 +24,9 @@ def add(parser: argparse.ArgumentParser) -> None:
         str,
     )
     option(parser, "--workers N", "processes; one for each core if absent", type=int)
-    add_output(parser, "DIR", "folder of the results, which are continued if there are any")
+    text = "folder or URL of the results, which are continued if there are any"
+    parser.add_argument("-o", "--out", metavar="PLACE", help=text)
+    add_json(parser)
     add_scheduler(parser)
     parser.set_defaults(aircraft=None)
 
@@ -35,11 +36,10 @@ def run(options: argparse.Namespace) -> int:
     from app.jobs.cluster import executor_at  # slow to import
     from app.recordings.archive import ArchiveRequest, score_archive
     from app.recordings.remote_files import is_url
+    from app.recordings.result_folder import result_folder
 
     if options.out is None:
-        raise ValueError("no folder for the results is given: give --out DIR")
-    if re.match(r"[a-z][a-z0-9+]+:/", str(options.out)):
-        raise ValueError(f"--out {options.out} is a URL: give a folder, to copy there afterwards")
+        raise ValueError("no place for the results is given: give --out PLACE")
     workers = os.cpu_count() or 1 if options.workers is None else options.workers
     if workers < 1:
         raise ValueError(f"workers={workers}: give 1 or more")
@@ -47,9 +47,10 @@ def run(options: argparse.Namespace) -> int:
     url = options.file if is_url(options.file) else ""
     options.file = Path() if url else Path(options.file)
     request, _ = request_of(options)
+    out = result_folder(options.out)
     try:
         with executor_at(options.scheduler) as executor, progress_bar("recordings") as show:
-            archive = ArchiveRequest(request, options.out, aircraft, workers, url)
+            archive = ArchiveRequest(request, out, aircraft, workers, url)
             done = score_archive(archive, show, executor)
     except KeyboardInterrupt:
         print("forewarn: interrupted; the same command continues", file=sys.stderr)
@@ -61,7 +62,7 @@ def run(options: argparse.Namespace) -> int:
     text = (
         f"{counted(done.scored, 'recording')} scored, {done.unchanged} unchanged, "
         f"{len(done.copies)} copies, {len(done.failed)} not scored; see "
-        f"{options.out / 'summary.parquet'}"
+        f"{out}/summary.parquet"
     )
     print_result(options, text, asdict(done))
     return 0 if done.is_done else 1

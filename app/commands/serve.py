@@ -26,8 +26,9 @@ def add(parser: argparse.ArgumentParser) -> None:
     )
     option(
         parser,
-        "--archive DIR",
-        "results of `forewarn score-archive` that the page shows; may be repeated",
+        "--archive PLACE",
+        "folder or URL with results of `forewarn score-archive` that the page shows; may be "
+        "repeated",
         action="append",
     )
     option(

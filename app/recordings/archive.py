@@ -23,6 +23,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from functools import cache
+from io import BytesIO
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -35,6 +36,7 @@ from app.messages import limited_channels
 from app.recordings.exports import EXPORTS, ExportColumn, columns
 from app.recordings.files import digest_of
 from app.recordings.remote_files import RemoteFile, remote_files
+from app.recordings.result_folder import LocalFolder, ResultFolder, result_folder
 from app.recordings.scored import scoring_fields
 from app.recordings.scored_file import Scored, ScoreRequest, labels, load_monitors, score_file
 from app.store.tables import now
@@ -43,13 +45,11 @@ from app.telemetry.readers import isolation
 from core import __version__
 from core.monitor import Monitor
 from core.tasks import Tasks
-from core.whole_file import whole_file, write_whole
 
 ID_LETTERS = 16
+RECORDS, SAMPLES = "flights", "samples"
 UNKNOWN = "__HIVE_DEFAULT_PARTITION__"
 """Name of a partition without a value."""
-LOCAL = ("file", "local")
-"""Protocols of URLs of this machine's folders."""
 FIRST_DATE = 1e8
 """Times of samples above this are seconds since 1970 [s]."""
 MONTH = re.compile(
@@ -96,7 +96,7 @@ class ArchiveRequest:
     """
 
     score: ScoreRequest
-    out: Path
+    out: ResultFolder
     aircraft: str | None = None
     workers: int = 1
     url: str = ""
@@ -109,7 +109,7 @@ class ArchiveRequest:
         """The same with absolute paths, for other processes and machines."""
         monitors = tuple(path.absolute() for path in self.score.monitors)
         score = replace(self.score, monitors=monitors, file=self.score.file.absolute())
-        return replace(self, score=score, out=self.out.absolute())
+        return replace(self, score=score)
 
 
 @dataclass(frozen=True)
@@ -128,12 +128,16 @@ class Archived:
 
 @dataclass(frozen=True)
 class ArchiveFile:
-    """A file to score.   record: where its result is stored.   path: of a remote file, its copy."""
+    """A file to score.   path: of a remote file, its copy."""
 
     path: Path
     flight: str
-    record: Path
     remote: RemoteFile | None = None
+
+    @property
+    def record(self) -> str:
+        """Name of the file with its result."""
+        return f"{RECORDS}/{record_id(self.flight)}.json"
 
     @property
     def size(self) -> int:
@@ -200,7 +204,7 @@ class ArchiveScorer:
     def __call__(self, file: ArchiveFile) -> dict[str, Any]:
         """The record of a flight, stored unless it is unchanged. OSError if it cannot be stored."""
         stamp = file.remote.stamp if file.remote else ""
-        before = read_record(file.record)
+        before = read_record(self._request.out, file.record)
         if stamp and stamp == before.get("stamp") and before["key"] == self._key(before["digest"]):
             return before | {"is_unchanged": True}
         try:
@@ -212,7 +216,7 @@ class ArchiveScorer:
                 scored = score_file(request, monitors=self._monitors)
                 size = file.path.stat().st_size
         except Exception as error:  # whatever is wrong with one file, the others are scored
-            file.record.unlink(missing_ok=True)
+            self._request.out.delete(file.record)
             return {"flight": file.flight, "error": _reason(error, file)}
         rows = [
             self._stored(file, each, name)
@@ -227,7 +231,7 @@ class ArchiveScorer:
             "request": self._request.score.recipe.to_plain(),
             "details": [self._details(each) for each in scored.scored],
         }
-        write_whole(file.record, json_codec.encode(record | details))
+        self._request.out.write(file.record, json_codec.encode(record | details))
         return record
 
     def _key(self, content: str) -> str:
@@ -247,11 +251,11 @@ class ArchiveScorer:
         month = month_of(file.flight, float(samples["t"][0]) if len(samples) else 0.0)
         path = "/".join(
             [
-                "samples",
+                SAMPLES,
                 f"monitor={quote(name, safe=' ')}",
                 f"aircraft={UNKNOWN if aircraft is None else quote(aircraft, safe=' ')}",
                 f"month={month or UNKNOWN}",
-                f"{file.record.stem}.parquet",
+                f"{record_id(file.flight)}.parquet",
             ]
         )
         row = {"monitor": name, "aircraft": aircraft, "flight": file.flight, "month": month}
@@ -262,14 +266,13 @@ class ArchiveScorer:
             "monitor": self._digests[scored.path],
             "limits_in_force": scored.recording.limits_in_force,
         }
-        place = self._request.out / path
-        place.parent.mkdir(parents=True, exist_ok=True)
         of_flight = ExportColumn(
             "flight", "", np.zeros(len(samples), np.int32), words=(file.flight,)
         )
         of_samples = columns(samples, None, scored.monitor.dictionary, always_attitude=True)
-        with whole_file(place) as opened:
-            EXPORTS["parquet"].write([of_flight, *of_samples], about, opened)
+        content = BytesIO()
+        EXPORTS["parquet"].write([of_flight, *of_samples], about, content)
+        self._request.out.write(path, content.getvalue())
         return row
 
 
@@ -329,17 +332,15 @@ def score_archive(
     files = list(_files(request))
     if not files:
         raise ValueError(f"{request.source} holds no files: give a folder of recordings")
-    records = request.out / "flights"
-    stored = set(records.glob("*.json"))
+    out = request.out
+    stored = out.names(RECORDS, ".json")
     present = {file.record for file in files}
     if stored and not stored & present:
         raise ValueError(
-            f"{request.out} holds the results of other recordings than {request.source}: give "
-            "another --out"
+            f"{out} holds the results of other recordings than {request.source}: give another --out"
         )
-    records.mkdir(parents=True, exist_ok=True)
     for gone in stored - present:
-        gone.unlink()
+        out.delete(gone)
     copies = _copies(files)
     results: list[dict[str, Any]] = [
         {"flight": flight, "copy_of": first} for flight, first in copies.items()
@@ -351,12 +352,10 @@ def score_archive(
     results.sort(key=lambda result: result["flight"])
     rows = [row for result in results for row in result.get("scorings", ())]
     about = scorer.about()
-    _write(request.out / "summary.parquet", rows, SUMMARY, about)
-    _write(request.out / "files.parquet", results, FILES, about)
-    named = {request.out / row["samples"] for row in rows}
-    for samples in (request.out / "samples").rglob("*.parquet"):
-        if samples not in named:
-            samples.unlink()
+    out.write("summary.parquet", _table(rows, SUMMARY, about))
+    out.write("files.parquet", _table(results, FILES, about))
+    for gone in out.names(SAMPLES, ".parquet") - {row["samples"] for row in rows}:
+        out.delete(gone)
     failed = {each["flight"]: each["error"] for each in results if "error" in each}
     unchanged = sum(bool(each.get("is_unchanged")) for each in results)
     n_scored = len(results) - len(failed) - len(copies) - unchanged
@@ -364,34 +363,30 @@ def score_archive(
 
 
 def _files(request: ArchiveRequest) -> Iterator[ArchiveFile]:
-    root, out = _folder(request), request.out.resolve()
+    root, out = _folder(request), request.out
     if root is not None and not root.is_dir():
         raise ValueError(f"{root} is not a folder: give the folder of the recordings")
-    if root is not None and (out == root.resolve() or root.resolve() in out.parents):
-        raise ValueError(
-            f"the results in {request.out} would lie among the recordings: give another --out"
-        )
-    if request.out.exists() and not request.out.is_dir():
-        raise ValueError(f"{request.out} is a file: give a folder for the results")
+    if result_folder(request.source).holds(out.root):
+        raise ValueError(f"the results in {out} would lie among the recordings: give another --out")
+    if out.has(""):
+        raise ValueError(f"{out} is a file: give a folder for the results")
     if request.url:
         for remote in remote_files(request.url):
-            record = request.out / "flights" / f"{record_id(remote.name)}.json"
-            yield ArchiveFile(Path(remote.name), remote.name, record, remote)
+            yield ArchiveFile(Path(remote.name), remote.name, remote)
         return
     assert root is not None
     for path in sorted(root.rglob("*")):
         inside = path.relative_to(root)
-        if any(part.startswith(".") for part in inside.parts) or out in path.resolve().parents:
+        if any(part.startswith(".") for part in inside.parts) or out.holds(str(path.resolve())):
             continue
         if not path.is_dir() or path.is_symlink():
-            flight = inside.as_posix()
-            yield ArchiveFile(path, flight, request.out / "flights" / f"{record_id(flight)}.json")
+            yield ArchiveFile(path, inside.as_posix())
 
 
 def _folder(request: ArchiveRequest) -> Path | None:
     """The folder of the recordings; None where it is not on this machine."""
-    system, _, place = request.url.partition("://")
-    return request.score.file if not place else Path(place) if system in LOCAL else None
+    folder = result_folder(request.source)
+    return folder.path if isinstance(folder, LocalFolder) else None
 
 
 def record_id(flight: str) -> str:
@@ -481,16 +476,16 @@ def _score(packed: bytes, file: ArchiveFile) -> dict[str, Any]:
     return _opened(packed)(file)
 
 
-def read_record(path: Path) -> dict[str, Any]:
+def read_record(out: ResultFolder, name: str) -> dict[str, Any]:
     """The stored record of a flight; empty if there is none, or if its samples are missing."""
     try:
-        record = json.loads(path.read_text())
-        samples = [path.parents[1] / row["samples"] for row in record["scorings"]]
+        record = json.loads(out.read(name))
+        samples = [row["samples"] for row in record["scorings"]]
     except (OSError, ValueError, KeyError, TypeError):
         return {}
     for name in DETAILS:
         record.pop(name, None)
-    return record if all(file.is_file() for file in samples) else {}
+    return record if all(map(out.has, samples)) else {}
 
 
 def _reason(error: Exception, file: ArchiveFile) -> str:
@@ -498,14 +493,12 @@ def _reason(error: Exception, file: ArchiveFile) -> str:
     return words.removeprefix(f"{file.path}: ")
 
 
-def _write(
-    path: Path, rows: list[dict[str, Any]], kinds: dict[str, str], about: dict[str, Any]
-) -> None:
+def _table(rows: list[dict[str, Any]], kinds: dict[str, str], about: dict[str, Any]) -> bytes:
     import pyarrow as pa
     from pyarrow.parquet import write_table
 
     fields = [(name, pa.type_for_alias(kind)) for name, kind in kinds.items()]
     schema = pa.schema(fields, {ABOUT: json_codec.encode(about)})
-    table = pa.Table.from_pylist(rows, schema)
-    with whole_file(path) as file:
-        write_table(table, file)
+    content = BytesIO()
+    write_table(pa.Table.from_pylist(rows, schema), content)
+    return content.getvalue()

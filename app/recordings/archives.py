@@ -9,15 +9,24 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
+from io import BytesIO
 from threading import Lock
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from app.assessment import sample_type
-from app.recordings.archive import ABOUT, COUNTS, FILES, ID_LETTERS, SUMMARY, record_id
+from app.recordings.archive import (
+    ABOUT,
+    COUNTS,
+    FILES,
+    ID_LETTERS,
+    RECORDS,
+    SUMMARY,
+    record_id,
+)
 from app.recordings.exports import ANGLES
+from app.recordings.result_folder import ResultFolder, result_folder
 from app.recordings.scoring_answers import tiled, worded
 from app.recordings.tiles import Samples, make_tiles, window_between
 from app.store.repository import NotFound
@@ -27,6 +36,7 @@ from core.monitor.assessment import STATES
 if TYPE_CHECKING:
     import pyarrow as pa
 
+TABLES = "summary.parquet", "files.parquet"
 MOST_NAMES = 1000
 """Aircraft and months that are listed to choose from."""
 SORTED_BY = ("misses", "exceedances")
@@ -64,22 +74,20 @@ class ArchiveTables:
 class ScoredArchive:
     """The results in one folder."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: ResultFolder) -> None:
         self.folder = folder
         self.id = hashlib.sha256(str(folder).encode()).hexdigest()[:ID_LETTERS]
         self._lock = Lock()
-        self._stamp: tuple[Any, ...] = ()
+        self._stamp: list[str] = []
         self._tables: ArchiveTables | None = None
 
     def tables(self) -> ArchiveTables:
         """ArchiveError if the folder does not hold both tables of one run."""
         with self._lock:
             try:
-                paths = [self.folder / f"{name}.parquet" for name in ("summary", "files")]
-                about = [path.stat() for path in paths]
-                stamp = tuple((each.st_mtime_ns, each.st_size, each.st_ino) for each in about)
+                stamp = [self.folder.stamp(name) for name in TABLES]
                 if self._tables is None or stamp != self._stamp:
-                    self._tables = self._read(*paths)
+                    self._tables = self._read()
                     self._stamp = stamp
                 return self._tables
             except OSError as error:
@@ -167,12 +175,12 @@ class ScoredArchive:
     ) -> dict[str, Any]:
         """Bins of a scoring's samples, as a scored recording's. As `flight`."""
         flight = self.flight(flight_id, monitor)
-        path = (self.folder / flight["samples"]).resolve()
-        if not path.is_relative_to(self.folder.resolve()):
+        name = flight["samples"]
+        if name.startswith("/") or ".." in name.split("/"):
             raise ArchiveError(f"{flight_id} names samples outside {self.folder}: score it again")
         keys = tuple(channel["key"] for channel in flight["channels"])
         try:
-            samples, made = _samples(path, path.stat().st_mtime_ns, keys)
+            samples, made = _samples(self.folder, name, self.folder.stamp(name), keys)
         except (OSError, ValueError, KeyError) as error:
             raise ArchiveError(f"{self._again(flight['flight'])} ({error})") from None
         between = (
@@ -182,12 +190,12 @@ class ScoredArchive:
         window = window_between(samples, made, *between, bins)
         return tiled(flight["dt"], keys, samples, window)
 
-    def _read(self, summary: Path, files: Path) -> ArchiveTables:
+    def _read(self) -> ArchiveTables:
         import pyarrow as pa
         from pyarrow.parquet import ParquetFile
 
         try:
-            tables = [ParquetFile(path).read() for path in (summary, files)]
+            tables = [ParquetFile(BytesIO(self.folder.read(name))).read() for name in TABLES]
             about = [(table.schema.metadata or {}).get(ABOUT, b"{}") for table in tables]
         except pa.ArrowException as error:
             raise ArchiveError(f"{self.folder} is damaged: {error}: {SCORE_AGAIN}") from None
@@ -203,26 +211,26 @@ class ScoredArchive:
         return ArchiveTables(plain, *tables)
 
     def _record(self, flight_id: str) -> dict[str, Any]:
-        path = self.folder / "flights" / f"{flight_id}.json"
+        name = f"{RECORDS}/{flight_id}.json"
         with suppress(FileNotFoundError):
             try:
-                record = json.loads(path.read_text())
+                record = json.loads(self.folder.read(name))
                 return record if {"scorings", "details", "request"} <= record.keys() else {}[""]
             except (ValueError, KeyError, AttributeError):
-                raise ArchiveError(f"{path.name} is damaged: {SCORE_AGAIN}") from None
+                raise ArchiveError(f"{name} is damaged: {SCORE_AGAIN}") from None
         raise NotFound(f"no flight {flight_id}: it is new, or its file was deleted or not read")
 
     def _why(self, error: OSError) -> str:
-        if not self.folder.is_dir():
+        if not isinstance(error, FileNotFoundError):
+            return f"{self.folder} cannot be read: {error.strerror or error}"
+        if not self.folder.has_folder(""):
             return f"there is no folder {self.folder}: check FOREWARN_ARCHIVES"
-        if (self.folder / "flights").is_dir():
+        if self.folder.has_folder(RECORDS):
             return f"{self.folder} is not scored to the end: {SCORE_AGAIN}"
-        if isinstance(error, FileNotFoundError):
-            return (
-                f"{self.folder} holds no results of `forewarn score-archive`: give the folder of "
-                "its --out"
-            )
-        return f"{self.folder} cannot be read: {error.strerror or error}"
+        return (
+            f"{self.folder} holds no results of `forewarn score-archive`: give the folder of its "
+            "--out"
+        )
 
     def _again(self, flight: str) -> str:
         return f"{flight} is being scored again, or was: {SCORE_AGAIN}"
@@ -232,7 +240,7 @@ class Archives:
     """The archives of the server."""
 
     def __init__(self, folders: Sequence[str]) -> None:
-        each = [ScoredArchive(Path(folder).expanduser().absolute()) for folder in folders]
+        each = [ScoredArchive(result_folder(folder)) for folder in folders]
         self._by_id = {archive.id: archive for archive in each}
 
     def get(self, archive_id: str) -> ScoredArchive:
@@ -281,14 +289,17 @@ def _chosen(table: "pa.Table", wanted: ArchiveFilter) -> "pa.Table":
 
 
 @lru_cache(maxsize=4)
-def _samples(path: Path, _changed: int, keys: tuple[str, ...]) -> tuple[Samples, Samples]:
+def _samples(
+    folder: ResultFolder, name: str, _stamp: str, keys: tuple[str, ...]
+) -> tuple[Samples, Samples]:
     """Samples of a scoring and their tiles. KeyError; ValueError; OSError.
 
-    _changed: when the file was, so that it is read again. A page asks for many windows of a flight.
+    _stamp: of the file, so that it is read again once that has changed. A page asks for many
+    windows of a flight.
     """
     from pyarrow.parquet import ParquetFile
 
-    table = ParquetFile(path).read()
+    table = ParquetFile(BytesIO(folder.read(name))).read()
     samples = np.empty(len(table), sample_type(len(keys)))
 
     def values(name: str) -> Any:

@@ -28,7 +28,7 @@ class RemoteFile:
     @contextmanager
     def fetched(self) -> Iterator[Path]:
         """A copy of it, which is deleted afterwards. OSError."""
-        system, path = _opened(self.url)
+        system, path = opened(self.url)
         with TemporaryDirectory(prefix="forewarn-") as folder:
             copy = Path(folder) / PurePosixPath(self.name).name
             system.get_file(path, str(copy))
@@ -36,7 +36,7 @@ class RemoteFile:
 
     def digest(self) -> str:
         """SHA-256 of its content, without storing it. OSError."""
-        system, path = _opened(self.url)
+        system, path = opened(self.url)
         digest = hashlib.sha256()
         with system.open(path, "rb") as file:
             while piece := file.read(PIECE_BYTES):
@@ -50,25 +50,33 @@ def is_url(source: str) -> bool:
 
 def remote_files(url: str) -> list[RemoteFile]:
     """Files below a URL by name, without hidden ones. ValueError; OSError."""
-    system, root = _opened(url)
+    system, root = opened(url)
     system.invalidate_cache()
     root = root.rstrip("/")
     found = []
-    try:
+    with reporting(f"{url} cannot be listed"):
         listed = system.find(root, detail=True)
-    except OSError:
-        raise
-    except Exception as error:  # file systems have errors of their own, such as for credentials
-        raise OSError(f"{url} cannot be listed: {error}") from error
     for path, about in listed.items():
         name = path.removeprefix(root).lstrip("/")
         if name and not any(part.startswith(".") for part in name.split("/")):
             size = int(about.get("size") or 0)
-            found.append(RemoteFile(system.unstrip_protocol(path), name, size, _stamp(about)))
+            found.append(RemoteFile(system.unstrip_protocol(path), name, size, stamp_of(about)))
     return sorted(found, key=lambda file: file.name)
 
 
-def _stamp(about: dict[str, Any]) -> str:
+@contextmanager
+def reporting(problem: str) -> Iterator[None]:
+    """Raise the errors that file systems have of their own, such as for credentials, as OSError."""
+    try:
+        yield
+    except OSError:
+        raise
+    except Exception as error:
+        raise OSError(f"{problem}: {error}") from error
+
+
+def stamp_of(about: dict[str, Any]) -> str:
+    """Of what a file system says about a file, what changes with its content; "" for nothing."""
     known = [key for key in about if any(part in key.lower() for part in CHANGES)]
     if not known:
         return ""
@@ -76,12 +84,13 @@ def _stamp(about: dict[str, Any]) -> str:
     return hashlib.sha256("\n".join(said).encode()).hexdigest()
 
 
-def _opened(url: str) -> tuple[Any, str]:
+def opened(url: str) -> tuple[Any, str]:
+    """The file system of a URL, and the path there. ValueError."""
     try:
         from fsspec.core import url_to_fs
 
         return url_to_fs(url)
-    except ImportError as error:
+    except (ImportError, ValueError) as error:
         raise ValueError(
             f"{url} cannot be opened ({error}): install forewarn[archive] and the file system's "
             "own package"
