@@ -17,10 +17,26 @@ from core.types import Array, Indices
 
 SURFACE, OUTPUT, STEP, CAPTURES, LEAD, LAG, TRIM, PER_AXIS = range(8)
 ARM, DELAY, GAIN = range(3)
-NOW, SEEN, LED, MOVED, HELD, ANGLE, RATE, BEYOND, SIDE, SINCE, SWINGS, REMEMBERED = range(12)
+(
+    NOW,
+    SEEN,
+    LED,
+    MOVED,
+    HELD,
+    ANGLE,
+    RATE,
+    BEYOND,
+    SIDE,
+    SINCE,
+    SWINGS,
+    TARGET,
+    PENDING,
+    REMEMBERED,
+) = range(14)
 """What a pilot remembers of an axis before the errors of all samples: output now; error seen, the
 equalised one, what the arm made of it, and what is trimmed away; integrated angle, and its rate;
-samples beyond the bound; side, last sample and number of swings."""
+samples beyond the bound; side, last sample and number of swings; target, and the side from which
+it is still to be captured, 0 once it is."""
 MOST_SWINGS = 4
 """Swings to alternate sides that make an oscillation: two cycles."""
 
@@ -34,7 +50,8 @@ class Pilots(NamedTuple):
     own: (n, GAIN + n_axes) T_N and tau [samples], and the gain of each axis.
     noise: (n, n_axes, n_samples) [rad].
     accepts: (4,) error [rad], and samples beyond it after which a pilot gives up; the same for an
-    oscillation with this amplitude [rad] and at most so many samples between opposite swings.
+    oscillation with this amplitude [rad] and at most so many samples between opposite swings. A
+    new target is judged once it is captured: its error reached the other side, or the bounds.
     gave_up: (n,) output, the sample at which a pilot gave up, n_samples for never.
     """
 
@@ -131,7 +148,12 @@ def steer(seat, number, i, k, commands, at, stride):
         place = at + stride * int(read(seat.axes, about + SURFACE))
         command, error = read(commands, place), -angle
         if read(seat.axes, about + CAPTURES) > 0.0:
-            command, error = 0.0, command - angle
+            target, command, error = command, 0.0, command - angle
+            if abs(target - read(m, last + TARGET)) > min(bound, swing):
+                write(m, last + TARGET, target)
+                write(m, last + PENDING, math.copysign(1.0, error))
+            if abs(error) <= min(bound, swing) or error * read(m, last + PENDING) < 0.0:
+                write(m, last + PENDING, 0.0)
         write(m, errors + k, error - read(seat.noise, (i * seat.n_axes + a) * n + k))
         now = read(m, errors + k - whole) if k >= whole else 0.0
         earlier = read(m, errors + k - whole - 1) if k > whole else 0.0
@@ -146,6 +168,11 @@ def steer(seat, number, i, k, commands, at, stride):
         held = read(m, last + HELD) + read(seat.axes, about + TRIM) * moved
         write(m, last + HELD, held)
         write(commands, place, command + read(seat.own, own + GAIN + a) * (moved + held))
+        if read(m, last + PENDING) != 0.0:
+            write(m, last + BEYOND, 0.0)
+            write(m, last + SIDE, 0.0)
+            write(m, last + SWINGS, 0.0)
+            continue
         beyond = 0.0 if abs(error) <= bound else read(m, last + BEYOND) + 1.0
         write(m, last + BEYOND, beyond)
         swings = read(m, last + SWINGS)

@@ -49,7 +49,8 @@ class Sight(NamedTuple):
 class Intervention:
     """When a pilot in the loop gives up the test; flights are then labelled by that, not by limits.
 
-    Without a number the pilot never gives up. An oscillation is two cycles.
+    Without a number the pilot never gives up. An oscillation is two cycles. A target is judged once
+    it is captured, so the way there is no error.
     """
 
     error_deg: OrNever = None

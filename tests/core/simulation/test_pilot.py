@@ -281,10 +281,20 @@ def test_sensor_noise_of_the_tracked_channel_is_seen():
     assert not bank.any()
 
 
-def gave_up_in_plain_python(error: np.ndarray, accepts: np.ndarray) -> int:
+def gave_up_in_plain_python(
+    error: np.ndarray, accepts: np.ndarray, target: np.ndarray | None = None
+) -> int:
     bound, patience, swing, within = accepts
     beyond, side, since, swings = 0, 0, 0, 0
+    last, pending = 0.0, 0.0
     for k, e in enumerate(error):
+        if target is not None and abs(target[k] - last) > min(bound, swing):
+            last, pending = target[k], np.sign(e)
+        if abs(e) <= min(bound, swing) or e * pending < 0:
+            pending = 0.0
+        if pending:
+            beyond = side = swings = 0
+            continue
         beyond = beyond + 1 if abs(e) > bound else 0
         if abs(e) >= swing:
             if np.sign(e) != side:
@@ -319,6 +329,32 @@ def test_a_pilot_who_gives_up_labels_the_flight(intervention: Intervention):
     np.testing.assert_array_equal(flights.fail_index, expected)
     assert 0 < flights.is_unsafe.sum() < 200
     assert test.judged_by == str(intervention)
+
+
+@pytest.mark.parametrize("name", ["error_deg", "swing_deg"])
+def test_a_capture_is_judged_once_its_target_is_captured(name: str):
+    """The way to a target of 30 deg is neither an error nor a swing; an oscillation about it is."""
+    gives_up = Intervention(error_s=0.3, least_hz=0.2, **{name: 10.0})
+    shares = []
+    for crossover, delay in ((1.5, 0.2), (5.0, 0.4)):
+        pilot = Crossover(crossover_rad_s=crossover, delay_s=delay, intervention=gives_up)
+        maneuver = replace(MANEUVERS["bank_capture"], duration_s=14.0, hold_s=7.0)
+        capture = replace(RECIPE, maneuver=maneuver, pilot=pilot)
+        simulator = capture.simulator()
+        drawn = simulator._drawn(100, np.random.default_rng(1))
+        y = simulator.outputs(drawn)
+        bank = np.zeros(y.shape[:2])
+        bank[:, 1:] = np.cumsum(0.5 * RECIPE.dt * (y[:, 1:, 1] + y[:, :-1, 1]), axis=1)
+        target = np.broadcast_to(drawn.commands[..., 0], bank.shape)
+        expected = [
+            gave_up_in_plain_python(each[:-1], drawn.in_loop.accepts, aim)
+            for each, aim in zip(target - bank, target, strict=True)
+        ]
+        expected = np.where(np.array(expected) == y.shape[1] - 1, y.shape[1], expected)
+        np.testing.assert_array_equal(drawn.in_loop.gave_up, expected)
+        shares.append((expected < y.shape[1]).mean())
+    assert shares[0] < 0.2
+    assert shares[1] > 0.8
 
 
 def test_impossible_pairs_of_pilot_and_manoeuvre_are_refused():
