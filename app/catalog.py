@@ -58,7 +58,7 @@ from core.planned_test.nonlinear_test import JsbsimTest, NonlinearTest
 from core.planned_test.planned_test import ManeuverTest
 from core.recipe import FAMILIES, Family, family_of
 from core.simulation.aircraft import Aircraft
-from core.simulation.jsbsim import JsbsimAircraft, aircraft_names, is_installed
+from core.simulation.jsbsim import JsbsimAircraft, aircraft_names, is_installed, usual_condition
 from core.simulation.maneuver import Maneuver
 from core.simulation.pilot import usual_pilot
 
@@ -121,7 +121,14 @@ def _recipe(name: str, recipe: Any) -> dict[str, Any]:
         "as_flown": to_plain(recipe.as_trained()) if is_test else None,
         "usual": to_plain(USUAL[name]) if name in USUAL else None,
         "needs": "forewarn[jsbsim]" if name == "jsbsim" and not is_installed() else "",
+        "conditions": _conditions() if name == "jsbsim" and is_installed() else {},
     }
+
+
+def _conditions() -> dict[str, dict[str, float]]:
+    """What suits each aircraft of JSBSim, by its name."""
+    usual = {name: usual_condition(name) for name in aircraft_names()}
+    return {name: {"altitude_m": high, "mach": mach} for name, (high, mach) in usual.items()}
 
 
 def to_plain(recipe: Any) -> Any:

@@ -75,7 +75,9 @@ def model_of(plain: Any) -> str:
 
 def default_test(plain: Any) -> ManeuverTest:
     """The default recipe of a test with this aircraft."""
-    return TESTS[model_of(plain)]
+    model = model_of(plain)
+    name = plain["aircraft"].get("model") if model == "jsbsim" else None
+    return JsbsimTest.of(name) if isinstance(name, str) else TESTS[model]
 
 
 @cache

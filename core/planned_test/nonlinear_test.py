@@ -25,7 +25,7 @@ from core.planned_test.planned_test import (
 from core.simulation.control_law import Actuator, ControlLaw, RateDamper, check_usable
 from core.simulation.flight_process import ModelSimulator
 from core.simulation.imperfections import counts_from_trim
-from core.simulation.jsbsim import JsbsimAircraft
+from core.simulation.jsbsim import JsbsimAircraft, usual_condition
 from core.simulation.maneuver import (
     ALL_SURFACES,
     COLUMN,
@@ -209,6 +209,13 @@ class JsbsimTest(SixDofTest):
         "margins": [],
     }
     turn: ClassVar[float] = 1.4
+
+    @classmethod
+    def of(cls, model: str) -> Self:
+        """The default test of an aircraft of JSBSim, at the condition that suits it."""
+        altitude_m, mach = usual_condition(model)
+        condition = TrimCondition(altitude_m=altitude_m, mach=mach)
+        return cls(aircraft=JsbsimAircraft(model), condition=condition)
 
     @property
     def most_at_once(self) -> int:

@@ -31,6 +31,16 @@ LARGEST_STEP = 0.005
 FULL_TRIM, TURN_TRIM, WITHOUT_INITIAL_RUN = 1, 5, 2
 FACTOR = "factor/"
 """Before the name of a function: the property that multiplies it."""
+JET, LIGHT = (5000.0, 0.6), (1500.0, 0.165)
+USUALLY: dict[tuple[float, float], str] = {
+    JET: "737 787-8 A320 A4 B747 Concorde F4N MD11 T38 XB-70 f15 f16 global5000",
+    LIGHT: "Boeing314 DHC6 T37 c172p c172r c172x c182 pa28 t6texan2",
+    (1500.0, 0.1): "Camel J3Cub",
+    (3000.0, 0.3): "OV10 c310",
+    (3000.0, 0.45): "F80C",
+}
+"""Altitude [m] and Mach number of straight flight in which at least 14 of 16 draws of an aircraft
+have a trim."""
 LARGE_FT, LIGHT_LB = 70.0, 6000.0
 """Wing span from which, and empty weight up to which, an aircraft is drawn as large or light."""
 PASCAL = 47.880259
@@ -88,8 +98,7 @@ class JsbsimAircraft:
     """
 
     model: str = "c172p"
-    """model of JSBSim: most jets have a trim at Mach 0.6 and 5000 m, light aircraft at Mach 0.165
-    and 1500 m; set the condition to suit."""
+    """model of JSBSim: brings the flight condition that suits it, unless that is given."""
     spread: Annotated[float, Bounds(least=0)] = 0.1
     """scatter: of a factor on each aerodynamic function, one sigma."""
     full_deg: Annotated[float, POSITIVE] = 25.0
@@ -142,6 +151,12 @@ class JsbsimAircraft:
 
 
 JSBSIM_AIRCRAFT = family("jsbsim_aircraft", JsbsimAircraft, {"jsbsim": JsbsimAircraft()})
+
+
+def usual_condition(model: str) -> tuple[float, float]:
+    """Altitude [m] and Mach number that suit an aircraft: of those of USUALLY the one where it has
+    a trim; those of a jet for an unknown one."""
+    return next((at for at, models in USUALLY.items() if model in models.split()), JET)
 
 
 def is_installed() -> bool:

@@ -16,7 +16,13 @@ from app.cli import main
 from app.recipes.recipes import dataset_recipe
 from core.limits.flight_limits import FLIGHT
 from core.planned_test.nonlinear_test import JsbsimTest
-from core.simulation.jsbsim import JsbsimAircraft, aircraft_names, functions_of
+from core.simulation.jsbsim import (
+    USUALLY,
+    JsbsimAircraft,
+    aircraft_names,
+    functions_of,
+    usual_condition,
+)
 from core.simulation.maneuver import MANEUVERS
 from core.simulation.nonlinear import TrimCondition
 from tests.support.api import api, finished, problem
@@ -152,6 +158,30 @@ def test_the_catalog_offers_its_aircraft_and_only_what_they_can_fly():
     assert "wind_up_turn" in kinds
     assert "pitch_capture" not in kinds
     assert "control_law" not in recipe["schema"]["properties"]
+
+
+@pytest.mark.parametrize("model", ["c310", "737", "J3Cub"])
+def test_an_aircraft_brings_a_condition_where_it_has_a_trim(model: str):
+    aircraft = {"kind": "jsbsim", "model": model}
+    test, _ = dataset_recipe({"aircraft": aircraft})
+    assert isinstance(test, JsbsimTest)
+    high, mach = usual_condition(model)
+    assert (test.condition.altitude_m, test.condition.mach) == (high, mach)
+    assert catalog()["recipes"]["jsbsim"]["conditions"][model] == {
+        "altitude_m": high,
+        "mach": mach,
+    }
+    drawn = test.simulator().rollouts(4, np.random.default_rng(0))
+    assert np.isfinite(drawn.y).all()
+    given, _ = dataset_recipe({"aircraft": aircraft, "condition": {"mach": 0.31}})
+    assert isinstance(given, JsbsimTest)
+    assert (given.condition.altitude_m, given.condition.mach) == (high, 0.31)
+
+
+def test_usual_conditions_are_of_aircraft_that_there_are():
+    named = " ".join(USUALLY.values()).split()
+    assert len(set(named)) == len(named)
+    assert set(named) <= set(aircraft_names())
 
 
 def test_without_jsbsim_the_extra_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):

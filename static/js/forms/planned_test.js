@@ -107,13 +107,16 @@ function disableLimitsByMargins(fields, element) {
 
 /**
  * A new aircraft or manoeuvre brings its usual test with this model: control law, manoeuvre, limits, condition or pilot,
- * except those changed by hand.
+ * except those changed by hand; one of JSBSim the altitude and Mach number that suit it.
  */
 function beginWithUsualTest(fields, element, catalog, model) {
   const byHand = new Set();
   element.addEventListener("change", ({ target, isTrusted }) => {
     const [, part, name] = target.name?.split(".") ?? [];
-    if (isTrusted) byHand.add(part);
+    if (isTrusted) byHand.add(part).add(`${part}.${name}`);
+    const suits = Object.entries((name === "model" && catalog.recipes[model].conditions[target.value]) || {});
+    const kept = suits.filter(([key]) => !byHand.has(`condition.${key}`));
+    if (kept.length) fields.put("condition", { ...fields.read().condition, ...Object.fromEntries(kept) });
     if (name !== "kind") return;
     const begun = { ...catalog.families[part]?.entries[target.value]?.usual_tests?.[model] };
     if (begun.maneuver) begun.maneuver = { ...begun.maneuver, ...flownBefore() };

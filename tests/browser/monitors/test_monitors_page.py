@@ -156,6 +156,20 @@ def test_another_aircraft_brings_its_usual_test(page: Page, site: Site) -> None:
     expect(field(page, "dataset.maneuver.amplitude_deg")).to_have_value("5")
 
 
+def test_an_aircraft_of_jsbsim_brings_its_condition(page: Page, site: Site) -> None:
+    pytest.importorskip("jsbsim", reason="JSBSim is not installed: the extra jsbsim")
+    page.goto(f"{site.http}/#/monitors/new")
+    page.get_by_label("JSBSim").check()
+    field(page, "dataset.aircraft.model").select_option("737")
+    expect(field(page, "dataset.condition.mach")).to_have_value("0.6")
+    expect(field(page, "dataset.condition.altitude_m")).to_have_value("5000")
+    field(page, "dataset.condition.mach").fill("0.55")
+    field(page, "dataset.condition.mach").blur()
+    field(page, "dataset.aircraft.model").select_option("c182")
+    expect(field(page, "dataset.condition.mach")).to_have_value("0.55")
+    expect(field(page, "dataset.condition.altitude_m")).to_have_value("1500")
+
+
 def test_a_capture_brings_its_pilot(page: Page, site: Site) -> None:
     page.goto(f"{site.http}/#/monitors/new")
     pilot = field(page, "dataset.pilot.kind")
@@ -208,7 +222,7 @@ def test_an_aircraft_of_jsbsim_is_simulated_by_the_form(
     field(page, "dataset.condition.mach").fill("0.1")
     field(page, "dataset.n_unsafe").fill("4")
     page.get_by_role("button", name="Simulate", exact=True).click()
-    expect(page.get_by_role("form")).to_contain_text("no trim at 33.45 m/s (Mach 0.1) and 1500 m")
+    expect(page.get_by_role("form")).to_contain_text("no trim at 32.05 m/s (Mach 0.1) and 5000 m")
     field(page, "dataset.aircraft.model").select_option("c172p")
     field(page, "dataset.condition.mach").fill("0.165")
     page.get_by_role("button", name="Simulate", exact=True).click()
