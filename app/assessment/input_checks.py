@@ -1,7 +1,8 @@
 """Checks of the samples as received: what a source sends may be no picture of the aircraft.
 
-A source may freeze, two sources may contradict each other, and a surface channel may be dead. Each
-sample is checked when it arrives, so a flight and the replay of its journal find the same.
+A source or one of its channels may freeze, two sources may contradict each other, and a surface
+channel may be dead. Each sample is checked when it arrives, so a flight and the replay of its
+journal find the same.
 """
 
 from collections.abc import Sequence
@@ -12,12 +13,15 @@ import numpy as np
 
 from app.assessment.planned_test import PlannedTest
 from app.assessment.trim import BEGINNING, OTHER, RESTS, SHARE, SMALLEST
-from core.channels import Channel
+from core.channels import Channel, Dictionary
 from core.kernels import input_motion as kernel
 from core.kernels.compiled import entry
 from core.kernels.input_motion import (
+    FEWEST,
     FIRST_LOOK,
+    FROZEN_S,
     GOES_ON,
+    HOLDS,
     KEPT,
     LOOKS,
     REACTS_S,
@@ -43,8 +47,6 @@ MOVES = 0.15
 NOISES, RESOLUTIONS = 8.0, 2.0
 """A motion exceeds this many standard deviations of the noise, and steps of the channel."""
 
-FROZEN_S, FEWEST = 1.0, 3
-"""Identical samples for longer than this [s], and more than this many, are frozen."""
 VARIES, REVERSES = 0.5, 1.0 / 3.0
 """Noise changes this share of the samples and turns around in this share of its changes. A smooth
 motion seldom turns, and a coarse channel at rest seldom changes."""
@@ -80,7 +82,7 @@ class InputChecks:
         self, planned: PlannedTest, usual: Array, limits: Envelope | None, by_hand: bool
     ) -> None:
         self._recent = _Recent(len(usual))
-        self._frozen = _Frozen(self._recent)
+        self._frozen = _Frozen(self._recent, planned.dictionary)
         scales = usual
         if limits is not None:
             to_limit = np.minimum(limits.high - limits.rest, limits.rest - limits.low)
@@ -99,7 +101,7 @@ class InputChecks:
         if repeated >= 0:
             self._contradictions.compare(arrived, t, y, repeated, number, [*self._sources])
         found = (
-            self._frozen.push(t, y, is_same=bool(flags & SAME)),
+            self._frozen.push(t, y, is_same=bool(flags & SAME), holds=bool(flags & HOLDS)),
             self._contradictions.push(arrived, goes_on=bool(flags & GOES_ON)),
             self._surfaces.push(t, bool(flags & LOOKS), in_manoeuvre),
         )
@@ -122,6 +124,7 @@ class _Recent:
             np.full(4, -np.inf),
             np.zeros(3, np.int64),
             np.zeros(n_channels, np.int64),
+            np.zeros((n_channels, 8)),
             np.empty(REMEMBERED),
             np.empty(REMEMBERED, np.int64),
             np.empty((REMEMBERED, n_channels)),
@@ -168,26 +171,39 @@ class _Recent:
 
 
 class _Frozen:
-    """Identical samples: a caution if the seconds before had noise, else an advisory."""
+    """Identical samples: a caution if the seconds before had noise, else an advisory.
 
-    def __init__(self, recent: _Recent) -> None:
-        self._recent = recent
+    A single channel whose value lasts for longer than ever: a caution, or an advisory for a
+    control, which may be held.
+    """
+
+    def __init__(self, recent: _Recent, dictionary: Dictionary) -> None:
+        self._recent, self._dictionary = recent, dictionary
         self._measured = -np.inf
         self._n_measured = self._n_turning = 0
         self._varies = True
 
-    def push(self, t: float, y: Array, *, is_same: bool) -> Doubt | None:
-        """is_same: whether a sample is identical to the last one."""
+    def push(self, t: float, y: Array, *, is_same: bool, holds: bool) -> Doubt | None:
+        """is_same: whether a sample is identical to the last one.   holds: a channel is frozen."""
         if not is_same:
             if t - self._measured >= REACTS_S:
                 self._measure(t)
-            return None
+            return self._of_channels() if holds else None
         state = self._recent.state
         since, n = state.times.item(kernel.SINCE), state.counts.item(kernel.N_SAME)
         if t - since <= FROZEN_S or n <= FEWEST or np.isnan(y).all():
             return None
         level = Level.CAUTION if self._has_noise else Level.ADVISORY
         return Doubt("frozen", level, since, f"all channels frozen since {since:.2f} s")
+
+    def _of_channels(self) -> Doubt:
+        runs = self._recent.state.runs
+        (frozen,) = np.nonzero(runs[:, kernel.IS_FROZEN])
+        is_output = not set(frozen.tolist()).isdisjoint(self._dictionary.of_role("output"))
+        names = ", ".join(self._dictionary.channels[c].symbol for c in frozen.tolist())
+        since = runs[frozen, kernel.SINCE_T].min().item()
+        reason = f"{names} frozen since {since:.2f} s: check the sensor"
+        return Doubt("frozen", Level.CAUTION if is_output else Level.ADVISORY, since, reason)
 
     @property
     def _has_noise(self) -> bool:

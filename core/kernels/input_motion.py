@@ -26,10 +26,20 @@ SAME_TIMES = 1e6
 NEWEST, LOOKED, SINCE, LATEST = range(4)
 """Numbers of `times` [s]: newest sample looked at, last look, first of the identical samples, and
 the latest time in parts of a second."""
+FROZEN_S, FEWEST = 1.0, 3
+"""Identical samples for longer than this [s], and more than this many, are frozen."""
+VALUE, SINCE_T, HELD, LONGEST, CHANGES, LEAST, TOTAL, IS_FROZEN = range(8)
+"""Numbers of a channel: newest value, when it came [s], samples with it, most samples with one
+value before, number of changes, the least one, the sum of their sizes, and whether it is frozen."""
+MANY, LONGER, COARSE = 50, 3.0, 1.5
+"""A channel with this many changes is frozen if its value lasts that many times longer than any
+before. One that changes by less than COARSE steps on average may rest between two steps."""
+
 N_RECENT, N_SAME, N_KNOWN = range(3)
 """Numbers of `counts`: samples in t and y, newest identical samples, and samples remembered."""
-LOOKS, SAME, GOES_ON = 1, 2, 4
-"""Flags of a sample: it is time to look, it is identical to the last one, it is the latest."""
+LOOKS, SAME, GOES_ON, HOLDS = 1, 2, 4, 8
+"""Flags of a sample: it is time to look, it is identical to the last one, it is the latest, a
+channel is frozen."""
 
 
 class SurfaceRule(NamedTuple):
@@ -58,8 +68,8 @@ class NewestSamples(NamedTuple):
     """The newest samples of a source, by time and by arrival.
 
     t: (2 KEPT,) [s].   y: (2 KEPT, n_channels).   times, counts: see above.   last: (n_channels,)
-    bits of the newest sample.   at: (REMEMBERED,) times in parts of a second.   sources:
-    (REMEMBERED,).   known: (REMEMBERED, n_channels).
+    bits of the newest sample.   runs: (n_channels, 8) see above.   at: (REMEMBERED,) times in parts
+    of a second.   sources: (REMEMBERED,).   known: (REMEMBERED, n_channels).
     """
 
     t: Array
@@ -67,6 +77,7 @@ class NewestSamples(NamedTuple):
     times: Array
     counts: Indices
     last: Indices
+    runs: Array
     at: Array
     sources: Indices
     known: Array
@@ -83,6 +94,10 @@ def arrive(state, t, y, source):
     for c in range(bits.shape[0]):
         is_same &= bits[c] == state.last[c]
         state.last[c] = bits[c]
+        if not np.isnan(y[c]):
+            _note_value(state.runs[c], t, y[c])
+        if state.runs[c, IS_FROZEN]:
+            flags |= HOLDS
     if is_same and counts[N_SAME] > 0:
         counts[N_SAME], flags = counts[N_SAME] + 1, flags | SAME
     else:
@@ -101,6 +116,27 @@ def arrive(state, t, y, source):
         if at > times[LATEST]:
             times[LATEST], flags = at, flags | GOES_ON
     return flags, repeated
+
+
+@inlined
+def _note_value(run, t, y):
+    """Whether the value of a channel lasts for longer than ever. run: (8,) see `VALUE`."""
+    if y == run[VALUE] and run[HELD] > 0:
+        run[HELD] += 1
+        run[IS_FROZEN] = (
+            run[HELD] > max(FEWEST, LONGER * run[LONGEST])
+            and t - run[SINCE_T] > FROZEN_S
+            and run[CHANGES] >= MANY
+            and run[TOTAL] >= COARSE * run[LEAST] * run[CHANGES]
+        )
+        return
+    if run[HELD] > 0:
+        change = abs(y - run[VALUE])
+        run[LEAST] = min(run[LEAST], change) if run[CHANGES] > 0 else change
+        run[CHANGES], run[TOTAL] = run[CHANGES] + 1, run[TOTAL] + change
+        if not run[IS_FROZEN]:
+            run[LONGEST] = max(run[LONGEST], run[HELD])
+    run[VALUE], run[SINCE_T], run[HELD], run[IS_FROZEN] = y, t, 1, 0
 
 
 @inlined

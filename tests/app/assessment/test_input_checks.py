@@ -62,6 +62,30 @@ def test_identical_samples_of_a_source_without_noise_are_an_advisory() -> None:
         assert (doubt.kind, doubt.level) == ("frozen", Level.ADVISORY)
 
 
+@pytest.mark.parametrize(("key", "level"), [("Ny", Level.CAUTION), ("delta_r", Level.ADVISORY)])
+def test_a_channel_that_keeps_its_value_for_longer_than_ever_is_frozen_each_time(
+    key: str, level: Level
+) -> None:
+    y, t, c = NOISE.copy(), np.arange(400) * DT, KEYS.index(key)
+    for begin in (100, 250):
+        y[begin : begin + 80, c] = y[begin, c]
+    found = doubts(t, y)
+    assert [(d.kind, d.level, d.t) for d in found] == [
+        ("frozen", level, pytest.approx(t[begin])) for begin in (100, 250)
+    ]
+    assert PLANNED.dictionary.channels[c].symbol in found[0].reason
+    y[100:180, c] = y[250:330, c] = np.nan
+    assert doubts(t, y) == []
+
+
+def test_a_channel_may_rest_as_long_as_before_or_between_two_coarse_steps() -> None:
+    t, y = np.arange(400) * DT, NOISE.copy()
+    pulse = np.sin(np.clip(t - 2.0, 0.0, 2.0) * np.pi)
+    y[:, KEYS.index("Ny")] = pulse
+    y[:, KEYS.index("p")] = (np.arange(400) < 100) * (np.arange(400) % 2) * 0.01
+    assert "frozen" not in [doubt.kind for doubt in doubts(t, y)]
+
+
 def test_a_source_that_freezes_for_less_than_a_second_is_not_in_doubt() -> None:
     y = NOISE.copy()
     y[100:150] = y[100]
@@ -178,5 +202,10 @@ def test_real_records_raise_no_caution_and_their_dead_surfaces_do(name: str, sig
     y = np.column_stack([table[attas.COLUMNS[key]] for key in KEYS])
     y[:, PLANNED.controls] *= sign
     assert cautions(table["t_s"], y) == []
+    dt = table["t_s"][1] - table["t_s"][0]
+    k = slice(len(y) // 2, len(y) // 2 + round(3.0 / dt))
+    frozen = y.copy()
+    frozen[k, 3] = frozen[k.start, 3]
+    assert cautions(table["t_s"], frozen) == ["frozen"]
     y[:, PLANNED.controls] = y[0, PLANNED.controls]
     assert cautions(table["t_s"], y)[0] == "surfaces"

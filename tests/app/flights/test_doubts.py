@@ -146,6 +146,20 @@ def test_a_frozen_source_is_a_caution_in_flight_and_in_its_replay(server: LiveSe
     assert flight.replayed() == [(alarm["kind"], alarm["t"], alarm["reason"])]
 
 
+def test_one_frozen_channel_is_a_caution_in_flight_and_in_its_replay(server: LiveServer) -> None:
+    y = noise(120)
+    y[80:, NY] = y[80, NY]
+    t = np.arange(120) * DT
+    flight = Pushed(server)
+    flight.push(t, y)
+    (alarm,) = flight.cautions()
+    assert (alarm["kind"], alarm["level"]) == ("frozen", "caution")
+    assert alarm["t"] == pytest.approx(t[80])
+    assert "N_y" in alarm["reason"]
+    assert not flight.is_calm
+    assert flight.replayed() == [(alarm["kind"], alarm["t"], alarm["reason"])]
+
+
 def test_a_frozen_source_without_noise_is_an_advisory(server: LiveServer) -> None:
     flight = Pushed(server)
     flight.push(np.arange(100) * DT, np.zeros((100, len(KEYS))))
