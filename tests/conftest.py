@@ -96,7 +96,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
     browser, waiting, computing = [], [], []
     campaign = [file for file in files if IS_CAMPAIGN and file.startswith(LONG[0])]
-    for file in sorted({*files} - {*campaign}, key=place):
+    for file in sorted((file for file in files if file not in campaign), key=place):
         {0: browser, 1: waiting}.get(place(file), computing).append(file)
     mixed = [file for pair in zip_longest(waiting, computing) for file in pair if file]
     items[:] = [item for file in campaign + browser + mixed for item in files[file]]
