@@ -18,7 +18,7 @@ from app.flights.flight_records import (
     FlightRecords,
     source_of,
 )
-from app.flights.follower import Followed, unfinished
+from app.flights.follower import Followed, stored_head, unfinished
 from app.flights.preparation import Preparation
 from app.flights.recorder import INTERVAL_S, Recorder
 from app.flights.request import FlightRequest
@@ -296,7 +296,7 @@ class Flights:
             plan, setup, make, reader = flown
             alarms = await self.records.alarms(flight_id)
             markers = await self.records.markers(flight_id)
-            stored = -1 if info.head is None else info.head
+            stored = stored_head(info)
 
             async def resume(flight: Flight) -> None:
                 assert isinstance(flight, LiveFlight)
@@ -322,7 +322,7 @@ class Flights:
         """What resumes a flight: as it was followed, or to be replayed from its start."""
         self.preparation.check_journal(info, journals)
         followed = self._followed.pop(info.id, None)
-        if followed is None or not followed.reader.is_continued():
+        if followed is None or not followed.is_continued_by(info):
             about = self.preparation.resumed(info, journals)
             return *about, LiveFlight, JournalReader(journals.path(info.id))
         flight, setup, reader = followed

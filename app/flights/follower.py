@@ -37,6 +37,15 @@ class Followed(NamedTuple):
     setup: LiveSetup
     reader: JournalReader
 
+    def is_continued_by(self, info: FlightInfo) -> bool:
+        """Whether journal and record still hold what was read. OSError."""
+        return self.flight.head <= stored_head(info) and self.reader.is_continued()
+
+
+def stored_head(info: FlightInfo) -> int:
+    """Newest sample of the record; -1 before the first."""
+    return -1 if info.head is None else info.head
+
 
 class Follower:
     """Follows the flights of a database, in a thread of its own; only reads."""
@@ -80,6 +89,8 @@ class Follower:
         for flight_id, info in flights.items():
             try:
                 self._read(store, info)
+            except StoreError:
+                continue  # it is followed once its monitor can be loaded
             except Exception:
                 LOG.exception("flight %s is replayed from its start at a take-over", flight_id)
                 self._followed[flight_id] = None
@@ -88,13 +99,13 @@ class Follower:
         known = self._followed.get(info.id)
         if info.id in self._followed and known is None:
             return
-        if known is not None and not known.reader.is_continued():
+        if known is not None and not known.is_continued_by(info):
             known = None
         if known is None:
             if not header_of(path := self._journals.path(info.id)):
                 return  # its flight starts
             known = self._followed[info.id] = self._new(store, info, path)
-        stored = -1 if info.head is None else info.head
+        stored = stored_head(info)
         for line in known.reader.lines():
             known.flight.follow([line], stored)
             if self._ending.is_set():

@@ -15,7 +15,7 @@ from app.flights.follower import Follower
 from app.flights.preparation import Preparation
 from app.flights.request import FlightRequest
 from app.flights.sources.live import LiveFlight
-from app.store.store import Store, open_store, served_store
+from app.store.store import Store, StoreError, open_store, served_store
 from app.telemetry.journal import Journals
 from core.channels import KEYS
 from tests.app.flights.test_flight_limits import OWN
@@ -169,7 +169,7 @@ def test_flights_begin_end_and_are_deleted_while_they_are_followed(
     run(test)
 
 
-@pytest.mark.parametrize("how", ["renamed", "rewritten", "shortened", "unreadable"])
+@pytest.mark.parametrize("how", ["renamed", "rewritten", "shortened", "unreadable", "cut"])
 def test_a_flight_that_cannot_be_followed_is_replayed_from_its_start(
     run: Callable, how: str
 ) -> None:
@@ -190,11 +190,35 @@ def test_a_flight_that_cannot_be_followed_is_replayed_from_its_start(
             journal.write_bytes(whole + b"what is this\n")
             at.read()
             journal.write_bytes(whole)
+        elif how == "cut":
+            assert await flight.recorder.flush()
+            at.read()
+            at.store.flights.recover()
+            at.store.flights.resume(flight.id, 9)
         elif how == "shortened":
             journal.write_bytes(b"".join(lines[:-20]))
         else:
             journal.write_bytes(b"".join([*lines[:-2], lines[-1].replace(b'"s":59', b'"s":58')]))
         again = await at.taken_over("replayed", flight.id, follows=False)
         assert await at.taken_over("followed", flight.id, follows=True) == again
+
+    run(test)
+
+
+def test_a_flight_whose_monitor_cannot_be_loaded_now_is_followed_later(
+    run: Callable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise StoreError("the database is too busy")
+
+    async def test(at: Range) -> None:
+        flight = await at.start()
+        await at.push(flight, 0)
+        with monkeypatch.context() as patch:
+            patch.setattr(Preparation, "resumed", refuse)
+            at.read()
+        assert at.follower.end() == {}
+        at.read()
+        assert [*at.follower.end()] == [flight.id]
 
     run(test)
