@@ -100,6 +100,7 @@ CHOICES: dict[str, dict[Hashable, str]] = {
         "sideslip": "sideslip",
         "pitch": "pitch angle",
         "alpha": "angle of attack",
+        "heading": "heading",
     },
     "surface": {"aileron": "aileron", "rudder": "rudder", "elevator": "elevator"},
     "spacing": {"log": "logarithmic in time", "linear": "linear in time"},

@@ -91,6 +91,7 @@ USUAL_NOISE = SensorNoise(
 SIGHTS: dict[Axis, Sight] = {
     "bank": Sight(FEEDBACK.index("phi")),
     "sideslip": Sight(FEEDBACK.index("beta")),
+    "heading": Sight(FEEDBACK.index("r"), is_rate=True),
 }
 """What a pilot sees of a linear aircraft; its bank angle is the integral of p where it has none."""
 USUAL_SOFTNESS_S = 0.5

@@ -19,7 +19,7 @@ Surface = Literal["aileron", "rudder", "elevator"]
 Spacing = Literal["log", "linear"]
 Interpolation = Literal["hold", "linear"]
 
-Axis = Literal["bank", "sideslip", "pitch", "alpha"]
+Axis = Literal["bank", "sideslip", "pitch", "alpha", "heading"]
 
 COLUMN: dict[Surface, int] = {"aileron": 0, "rudder": 1, "elevator": 2}
 """Column of a surface's command in (delta_a, delta_r, delta_e)."""
@@ -28,6 +28,7 @@ MOVED_BY: dict[Axis, Surface] = {
     "sideslip": "rudder",
     "pitch": "elevator",
     "alpha": "elevator",
+    "heading": "rudder",
 }
 """The surface with which a pilot tracks an axis."""
 LATERAL_SURFACES, ALL_SURFACES = 2, 3
@@ -290,8 +291,8 @@ class Capture(Maneuver):
     """
 
     axis: Axis = "bank"
-    """captured axis: with its surface; bank by the aileron, sideslip by the rudder, pitch angle or
-    angle of attack by the elevator."""
+    """captured axis: with its surface; bank by the aileron, sideslip or heading by the rudder,
+    pitch angle or angle of attack by the elevator."""
     amplitude_deg: float = 30.0
     """target: change from trim, either sign [deg]."""
     hold_s: float = 3.0
@@ -623,6 +624,7 @@ MANEUVERS = family(
         "steady_heading_sideslip": SteadyHeadingSideslip(),
         "bank_capture": Capture(),
         "sideslip_capture": Capture(axis="sideslip", amplitude_deg=3.0),
+        "heading_capture": Capture(axis="heading", amplitude_deg=2.0),
         "pitch_capture": Capture(axis="pitch", amplitude_deg=5.0),
     },
 )

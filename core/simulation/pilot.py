@@ -20,8 +20,9 @@ CHANNEL_OF: dict[Axis, str] = {
     "sideslip": "beta",
     "pitch": "theta",
     "alpha": "alpha",
+    "heading": "psi",
 }
-"""Channel of each axis, whose sensor noise the pilot sees."""
+"""Channel of each axis, whose sensor noise the pilot sees. Heading is the integral of yaw rate."""
 TRIMS_RAD_S = 0.3
 """[rad/s] A lasting error is trimmed away: a of McRuer's extended crossover model, whose phase is
 -a / omega at low frequencies."""
@@ -178,8 +179,8 @@ class Crossover(Pilot):
     """
 
     axis: Axis = "bank"
-    """axis to keep at trim: bank by the aileron, sideslip by the rudder, pitch angle or angle of
-    attack by the elevator; a captured one with the same surface is captured instead."""
+    """axis to keep at trim: bank by the aileron, sideslip or heading by the rudder, pitch angle or
+    angle of attack by the elevator; a captured one with the same surface is captured instead."""
     crossover_rad_s: Positive = 1.5
     """gain: as crossover frequency with the nominal aircraft [rad/s]."""
     gain_spread: NotNegative = 0.2

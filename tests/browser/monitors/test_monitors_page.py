@@ -177,7 +177,7 @@ def test_a_capture_brings_its_pilot(page: Page, site: Site) -> None:
     expect(pilot).to_have_value("crossover")
     for part in ("maneuver", "pilot"):
         axes = field(page, f"dataset.{part}.axis").locator("option")
-        expect(axes).to_have_text(["bank angle", "sideslip"])
+        expect(axes).to_have_text(["bank angle", "sideslip", "heading"])
     field(page, "dataset.maneuver.kind").select_option("rudder_doublet")
     expect(pilot).to_have_value("open_loop")
     surfaces = field(page, "dataset.maneuver.surface").locator("option")
