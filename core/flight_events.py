@@ -26,7 +26,7 @@ class Alarm:
     kind: AlarmKind
     """warnings: a predicted (`risk`) or measured (`limit`) exceedance; cautions: a monitor that is
     not applicable (`invalid`), a late source (`stale`), samples in doubt: `surfaces` that rest
-    while the aircraft moves, `frozen`, `contradiction`"""
+    while the aircraft moves, `frozen`, `contradiction`, a `trim` near a limit"""
     level: Level
     """14 CFR 25.1322: `warning` needs action now, `caution` attention now"""
     raised: str

@@ -35,7 +35,7 @@ from core.limits.limits import Envelope
 from core.monitor.status import Level
 from core.types import Array
 
-DoubtKind = Literal["surfaces", "frozen", "contradiction"]
+DoubtKind = Literal["surfaces", "frozen", "contradiction", "trim"]
 DOUBT_KINDS: tuple[DoubtKind, ...] = get_args(DoubtKind)
 
 MEASURE_S = 0.5
@@ -55,6 +55,11 @@ AGREES = 0.05
 """Share of a limit, or of the largest value in training, by which two samples may differ."""
 CONTRADICTS_S = 1.0
 """A contradiction lasts until this time passes without another one [s]."""
+
+FAR, NOTABLE = 0.5, 0.2
+"""A trim of this share of a limit is a caution, or an advisory."""
+SETTLED = 0.1
+"""A trim that changes by less, as a share of the limit, is the same."""
 
 UNMOVED = "aircraft moves, surfaces do not: {}check the channel"
 
@@ -112,6 +117,38 @@ class InputChecks:
         """The source's clock stepped: its times are no longer those of earlier samples."""
         self._recent.forget_times()
         self._contradictions.restart()
+
+
+class TrimCheck:
+    """Whether the trim is a large part of a limit: then little that is shown may be much.
+
+    limits: of the monitor; None if unknown.
+    """
+
+    def __init__(self, dictionary: Dictionary, limits: Envelope | None) -> None:
+        self._channels, self._limits = dictionary.channels, limits
+        self._trim, self._at, self._share = b"", -1, 0.0
+        self.doubts: tuple[Doubt, ...] = ()
+
+    def note(self, t: float, trim: Array) -> None:
+        """The trim from the sample of t [s] on, (n_channels,), NaN where unknown."""
+        if self._limits is None or self._trim == (known := trim.tobytes()):
+            return
+        self._trim = known
+        share = np.nan_to_num(self._limits.shares(self._limits.rest + trim))
+        if self.doubts and abs(share.item(self._at) - self._share) < SETTLED:
+            return
+        self._at = at = int(share.argmax())
+        self._share = share.item(at)
+        self.doubts = ()
+        if self._share >= NOTABLE:
+            level = Level.CAUTION if self._share >= FAR else Level.ADVISORY
+            channel = self._channels[at]
+            reason = (
+                f"{channel.symbol} counts from its trim of {channel.read(trim.item(at))}, "
+                f"{100 * self._share:.0f} % of the limit: check its zero, or fly back to trim"
+            )
+            self.doubts = (Doubt("trim", level, t, reason),)
 
 
 class _Recent:

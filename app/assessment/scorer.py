@@ -16,7 +16,7 @@ from app.assessment.grid import (
     IntegratedAngles,
     Sample,
 )
-from app.assessment.input_checks import Doubt, InputChecks
+from app.assessment.input_checks import Doubt, InputChecks, TrimCheck
 from app.assessment.limits_in_force import LimitsInForce, LimitsRule
 from app.assessment.monitors_in_use import MonitorRuling, MonitorsInUse, MonitorsRule
 from app.assessment.planned_test import (
@@ -210,6 +210,7 @@ class CausalScorer:
         planned = self._trim.planned if self._trim else known_test(monitor)
         about = monitor.training_max_abs, monitor.envelope, self._trim is not None
         self._checks = InputChecks(planned, *about)
+        self._trim_check = TrimCheck(monitor.dictionary, monitor.envelope)
         self._rule: LimitsRule | MonitorsRule | None = None
         self.ruling: Ruling | None = None
         """of the newest sample; None for the monitor's own limits"""
@@ -286,7 +287,7 @@ class CausalScorer:
     @property
     def doubts(self) -> tuple[Doubt, ...]:
         """Why the newest received sample is no picture of the aircraft."""
-        return (*self._checks.doubts, *self._contradiction)
+        return (*self._checks.doubts, *self._contradiction, *self._trim_check.doubts)
 
     def push(self, arrived: float, sample: Sample, source: str = "") -> list[LiveAssessed]:
         """Add a received sample; return the samples that it settles. source: its name."""
@@ -345,6 +346,7 @@ class CausalScorer:
             trim = self._trim.level
             if begins:
                 self._restart(trim)
+            self._trim_check.note(sample.t, trim)
             known = sample.y - trim
             y = np.where(np.isnan(trim), sample.y, known)
         if self._trim is not None and not self._trim.manoeuvre:

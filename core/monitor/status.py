@@ -115,10 +115,12 @@ def cause_of(state: State, reason: str) -> Cause | None:
     return Cause.LIMITS_UNKNOWN if reason.startswith(f"{LIMITS_UNKNOWN}:") else None
 
 
-AlarmKind = Literal["risk", "limit", "invalid", "stale", "surfaces", "frozen", "contradiction"]
+AlarmKind = Literal[
+    "risk", "limit", "invalid", "stale", "surfaces", "frozen", "contradiction", "trim"
+]
 """Predicted exceedance, measured exceedance, monitor not applicable, late source, and samples that
-are no picture of the aircraft: its surfaces seem dead, all channels are frozen, or two samples of
-one time contradict."""
+are no picture of the aircraft: its surfaces seem dead, channels are frozen, two samples of one time
+contradict, or the trim that is subtracted is a large part of a limit."""
 ALARM_LEVELS: dict[AlarmKind, Level] = {
     "risk": Level.WARNING,
     "limit": Level.WARNING,
@@ -127,6 +129,7 @@ ALARM_LEVELS: dict[AlarmKind, Level] = {
     "surfaces": Level.CAUTION,
     "frozen": Level.CAUTION,
     "contradiction": Level.CAUTION,
+    "trim": Level.CAUTION,
 }
 
 

@@ -22,7 +22,7 @@ const WIDEST = 60; // s
 const NARROWEST = 5; // s
 const BEFORE = 2; // planned manoeuvres
 
-export const CAUTION_WORDS = { invalid: "VALIDITY LOST", stale: "STALE", surfaces: "SURFACES", frozen: "FROZEN", contradiction: "CONTRADICTION" };
+export const CAUTION_WORDS = { invalid: "VALIDITY LOST", stale: "STALE", surfaces: "SURFACES", frozen: "FROZEN", contradiction: "CONTRADICTION", trim: "TRIM" };
 
 export function cautionText({ kind, reason, cause }, at = "") {
   const withdrawn = kind === "invalid" ? withdrawnWord(cause) : null;

@@ -169,6 +169,23 @@ def test_a_frozen_source_without_noise_is_an_advisory(server: LiveServer) -> Non
     assert "frozen" not in [alarm["kind"] for alarm in alarms]
 
 
+def test_a_trim_near_the_limit_is_a_caution_until_it_is_gone(server: LiveServer) -> None:
+    t, y = np.arange(400) * DT, noise(400)
+    y[100:260, NY] += 0.45
+    flight = Pushed(server)
+    flight.push(t[:200], y[:200])
+    (alarm,) = alarms_of(flight.flight, "trim")
+    assert alarm["level"] == "caution"
+    assert "N_y counts from its trim of 0.4" in alarm["reason"]
+    assert not flight.is_calm
+    flight.push(t[200:300], y[200:300])
+    flight.acknowledge(alarm)
+    assert alarm["reason"] in flight.live["doubts"]
+    flight.push(t[300:], y[300:])
+    assert flight.live["doubts"] == []
+    assert ("trim", alarm["t"], alarm["reason"]) in flight.replayed()
+
+
 def test_two_sources_that_contradict_are_a_caution_with_both_values(server: LiveServer) -> None:
     t, flown = np.arange(60) * DT, noise(60)
     flight = Pushed(server)
