@@ -30,6 +30,7 @@ from app.telemetry.reading import read_file
 from app.telemetry.recording import TelemetryError
 from app.telemetry.targets import KNOWN
 from core.channels import LATERAL, Channel, Dictionary
+from core.limits.flight_limits import QBAR
 from core.recipe import instead_of
 
 LOG = logging.getLogger("forewarn")
@@ -203,7 +204,7 @@ class Recordings:
         A key comes with each of its units.
         """
         own = (channel for known in self.store.dictionaries() for channel in known.channels)
-        return list(dict.fromkeys((*KNOWN.values(), *own)))
+        return list(dict.fromkeys((*KNOWN.values(), QBAR, *own)))
 
     def proposed_for(self, recording_id: str, dictionary: Dictionary) -> MappedColumns:
         """A proposal for a monitor's dictionary; a confirmed mapping stays in it. NotFound."""

@@ -59,8 +59,11 @@ from core.types import Array
 
 NotNegative = Annotated[float, NOT_NEGATIVE]
 SIGHTS: dict[Axis, Sight] = {
-    axis: Sight(SIX_DOF.index(key)) for axis, key in CHANNEL_OF.items() if key in SIX_DOF.keys
-} | {"heading": Sight(SIX_DOF.index("r"), is_rate=True)}
+    axis: Sight(SIX_DOF.index("r"), is_rate=True)
+    if axis == "heading"
+    else Sight(SIX_DOF.index(key))
+    for axis, key in CHANNEL_OF.items()
+}
 """What a pilot sees of a nonlinear aircraft."""
 F16_ACTUATOR = Actuator(20.2, rate_limit_deg_s=60.0, position_limit_deg=25.0)
 """Of the F-16's elevator (Stevens, Lewis and Johnson, Aircraft Control and Simulation, 3rd ed.,

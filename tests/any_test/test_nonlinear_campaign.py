@@ -11,7 +11,9 @@ from app.campaigns.campaign import Campaign, from_file, load, points_at
 from app.campaigns.clearing import identified, updated
 from app.campaigns.flying import aborted_flight
 from app.campaigns.point import CampaignError, Condition
+from app.campaigns.stored import Campaigns
 from app.cli import main
+from app.recipes.recipes import to_plain
 from app.recordings.mapped_recording import MappedRecording
 from app.report.campaign import campaign_page
 from app.telemetry.mapping.proposal import propose
@@ -28,6 +30,7 @@ from core.clearance.with_monitor import with_monitor
 from core.planned_test.nonlinear_test import JsbsimTest, NonlinearTest
 from core.simulation.maneuver import MANEUVERS
 from core.types import Array, Flags
+from tests.support.api import api, store_of
 from tests.support.recorded import csv_of
 
 TEST = NonlinearTest(
@@ -115,6 +118,25 @@ def test_the_command_line_flies_a_build_up(tmp_path: Path) -> None:
     assert main(["campaign", "recipe", str(file), "-o", str(next_recipe)]) == 0
     planned = json.loads(next_recipe.read_text())["dataset"]
     assert planned["maneuver"]["amplitude_deg"] == load(file).next.point.peak_deg
+
+
+def test_a_build_up_is_flown_over_rest(tmp_path: Path) -> None:
+    url = "/api/v1/campaigns"
+    dataset = to_plain(TEST) | {"n_unsafe": 50}
+    plan = {"name": "Pull", "conditions": [{"dataset": dataset, "steps": [0.6, 1.0]}]}
+    with api(tmp_path) as client:
+        path = client.post(url, json=plan).headers["location"]
+        first = {"point": "60%", "by": "Ann"}
+        assert client.post(f"{path}/confirm", json=first).status_code == 200
+        _, campaign = Campaigns(store_of(client)).get(path.rpartition("/")[2])
+        sent = recording(tmp_path / "flight.csv", campaign).read_bytes()
+        recorded = client.post("/api/v1/recordings?name=flight.csv", content=sent).json()
+        flown = client.post(f"{path}/flown", json=first | {"recording": recorded["id"]})
+        assert flown.status_code == 200, flown.text
+        assert flown.json()["next"] == "100%"
+        assert len(flown.json()["checklist"]) == 4
+        assert client.get(f"{path}/derivatives").json() == []
+        assert client.get(f"{path}/report").status_code == 200
 
 
 def test_an_aircraft_that_flies_too_slowly_is_refused() -> None:
