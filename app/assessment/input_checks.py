@@ -61,6 +61,7 @@ FAR, NOTABLE = 0.5, 0.2
 SETTLED = 0.1
 """A trim that changes by less, as a share of the limit, is the same."""
 
+ALL, SINCE = "all channels", " frozen since "
 UNMOVED = "aircraft moves, surfaces do not: {}check the channel"
 
 
@@ -74,6 +75,12 @@ class Doubt(NamedTuple):
     level: Level
     t: float
     reason: str
+
+
+def frozen_channels(reason: str, channels: Sequence[Channel]) -> list[Channel]:
+    """Those that a `frozen` doubt with this reason is about."""
+    names = reason.partition(SINCE)[0]
+    return [c for c in channels if names == ALL or c.symbol in names.split(", ")]
 
 
 class InputChecks:
@@ -231,7 +238,7 @@ class _Frozen:
         if t - since <= FROZEN_S or n <= FEWEST or np.isnan(y).all():
             return None
         level = Level.CAUTION if self._has_noise else Level.ADVISORY
-        return Doubt("frozen", level, since, f"all channels frozen since {since:.2f} s")
+        return Doubt("frozen", level, since, f"{ALL}{SINCE}{since:.2f} s")
 
     def _of_channels(self) -> Doubt:
         runs = self._recent.state.runs
@@ -239,7 +246,7 @@ class _Frozen:
         is_output = not set(frozen.tolist()).isdisjoint(self._dictionary.of_role("output"))
         names = ", ".join(self._dictionary.channels[c].symbol for c in frozen.tolist())
         since = runs[frozen, kernel.SINCE_T].min().item()
-        reason = f"{names} frozen since {since:.2f} s: check the sensor"
+        reason = f"{names}{SINCE}{since:.2f} s: check the sensor"
         return Doubt("frozen", Level.CAUTION if is_output else Level.ADVISORY, since, reason)
 
     @property

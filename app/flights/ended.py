@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 from pydantic import BaseModel
 
 from app.assessment.coverage import why_exceedance_unknown
+from app.assessment.input_checks import frozen_channels
 from app.assessment.outcome import holes_in
 from app.flights.display_monitors import stated_delay
 from app.flights.verdict import (
@@ -120,7 +121,9 @@ def summary_of(store: Store, info: FlightInfo) -> Summary:
         state=state,
         reason=reason,
         is_calibrated=all(each.support is not None for each in used),
-        verdict=_verdict(store, info, monitor, alarms) if exceeded else _doubt(store, info, used),
+        verdict=_verdict(store, info, monitor, alarms)
+        if exceeded
+        else _doubt(store, info, used, alarms),
         exceedances=_exceedances(info, alarms),
         is_assessed=STATES[state] is State.OK or store.flights.is_assessed(info.id),
     )
@@ -177,7 +180,9 @@ def _verdict(
     return verdict(alarms)
 
 
-def _doubt(store: Store, info: FlightInfo, used: Sequence[MonitorInfo]) -> Verdict | None:
+def _doubt(
+    store: Store, info: FlightInfo, used: Sequence[MonitorInfo], alarms: Sequence[Alarm]
+) -> Verdict | None:
     """The verdict on a flight without a measured exceedance; None if it surely had none."""
     kind, dt = info.source.get("kind"), used[0].dt
     if kind not in ("live", "journal"):
@@ -185,10 +190,14 @@ def _doubt(store: Store, info: FlightInfo, used: Sequence[MonitorInfo]) -> Verdi
     t, known = store.flights.known(info.id)
     if not len(t) or (kind == "journal" and is_jump(t, dt)):
         return None
-    limited, keys = _limited(info, used), Dictionary.from_stored(used[0].dictionary).keys
+    limited, dictionary = _limited(info, used), Dictionary.from_stored(used[0].dictionary)
+    for reason in (alarm.reason or "" for alarm in alarms if alarm.kind == "frozen"):
+        frozen = frozen_channels(reason, dictionary.channels)
+        if not limited.isdisjoint(channel.key for channel in frozen):
+            return data_missing(reason)
     holes = [
         hole
-        for key, is_known in zip(keys, known.T, strict=True)
+        for key, is_known in zip(dictionary.keys, known.T, strict=True)
         if key in limited
         for hole in holes_in(key, t[is_known], t[0], t[-1])
     ]

@@ -157,7 +157,10 @@ def test_one_frozen_channel_is_a_caution_in_flight_and_in_its_replay(server: Liv
     assert alarm["t"] == pytest.approx(t[80])
     assert "N_y" in alarm["reason"]
     assert not flight.is_calm
+    flight.acknowledge(alarm)
     assert flight.replayed() == [(alarm["kind"], alarm["t"], alarm["reason"])]
+    assert "frozen" in flight.state["verdict"]["text"]
+    assert flight.state["level"] == "caution"
 
 
 def test_a_frozen_source_without_noise_is_an_advisory(server: LiveServer) -> None:
