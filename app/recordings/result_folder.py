@@ -74,7 +74,10 @@ class LocalFolder(ResultFolder):
         return str(self.path.resolve())
 
     def read(self, name: str) -> bytes:
-        return (self.path / name).read_bytes()
+        path = (self.path / name).resolve()
+        if not path.is_relative_to(self.path.resolve()):
+            raise PermissionError(f"{name} is a link out of {self.path}: replace it by the file")
+        return path.read_bytes()
 
     def write(self, name: str, content: bytes) -> None:
         path = self.path / name

@@ -223,3 +223,16 @@ def test_an_archive_at_a_url_is_shown_as_one_in_a_folder(
             assert "not scored to the end" in problem(other.get(path), 409)
     finally:
         memory.rm("/shown", recursive=True)
+
+
+def test_a_link_out_of_the_archive_is_not_followed(scored: Path, tmp_path: Path) -> None:
+    inside, secret = tmp_path / "inside", tmp_path / "secret.parquet"
+    shutil.copytree(scored, inside)
+    with api(tmp_path / "data", archives=(str(inside),)) as client:
+        (about,) = client.get(ARCHIVES).json()
+        flights = f"{ARCHIVES}/{about['id']}/flights"
+        row = client.get(flights).json()[0]
+        tiles, query = f"{flights}/{row['id']}/tiles", {"monitor": row["monitor"]}
+        (inside / row["samples"]).rename(secret)
+        (inside / row["samples"]).symlink_to(secret)
+        assert "link out of" in problem(client.get(tiles, params=query), 409)
