@@ -4,12 +4,11 @@ Warnings: a risk above the alert level, and a measured exceedance, whether or no
 applicable. Cautions: the monitor is not applicable, a late source, and samples in doubt. Each kind
 is raised once, at its onset. A risk ends at an assessed sample that does not alert; a sample
 without an assessment ends nothing. An exceedance ends at a sample within the limits, a caution at a
-sample without its cause. A restart (seek, loop) ends warnings; cautions continue if the next sample
-still has their cause. The next onset raises a new alarm, unless an alarm of its kind is
-unacknowledged and
-- it is the latest one and ended less than REJOIN_S ago: a flicker is one alarm, or
-- this same sample raised it: a loop does not repeat its alarms.
-After an acknowledgement every onset raises a new alarm.
+sample without its cause. A restart (seek, step, loop) ends warnings; cautions continue if the next
+sample still has their cause. The next onset raises a new alarm, unless
+- the latest alarm of its kind is unacknowledged and ended less than REJOIN_S ago: a flicker is one
+  alarm, or
+- it is flown again after a restart: an onset of a source is one alarm, acknowledged once.
 """
 
 from collections.abc import Collection, Sequence
@@ -54,10 +53,18 @@ class Onsets:
         self.is_active = False
         self._last_t: float | None = None
         self._latest = ""
-        self._indices: dict[str, int] = {}
+        self._open: set[str] = set()
+        self._flown = bytearray()
+        self._has_restarted = False
 
-    def restart(self) -> None:
-        self.is_active, self._last_t = False, None
+    def restart(self, *, ends: bool) -> None:
+        self._has_restarted = True
+        if ends:
+            self.is_active, self._last_t = False, None
+
+    def forget(self) -> None:
+        """Raise an alarm at the next onset also where the condition held before."""
+        self._flown.clear()
 
     def begins(self, index: int, t: float, active: bool) -> bool:
         """Whether this sample is an onset that raises an alarm."""
@@ -66,17 +73,23 @@ class Onsets:
         self.is_active = active
         if active:
             self._last_t = t
+            if index >= 0:
+                self._flown.extend(bytes(max(index + 1 - len(self._flown), 0)))
+                self._flown[index] = True
         return rings
 
-    def latch(self, alarm_id: str, index: int) -> None:
-        self._latest, self._indices[alarm_id] = alarm_id, index
+    def latch(self, alarm_id: str) -> None:
+        self._latest = alarm_id
+        self._open.add(alarm_id)
 
     def release(self, alarm_id: str) -> None:
-        self._indices.pop(alarm_id, None)
+        self._open.discard(alarm_id)
 
     def _joins(self, index: int, t: float) -> bool:
-        last = self._last_t if self._latest in self._indices else None
-        return index in self._indices.values() or (last is not None and t - last < REJOIN_S)
+        if self._has_restarted and any(self._flown[max(index, 0) : index + 1]):
+            return True
+        last = self._last_t if self._latest in self._open else None
+        return last is not None and t - last < REJOIN_S
 
 
 class Alarms:
@@ -116,8 +129,12 @@ class Alarms:
 
     def restart(self) -> None:
         for kind, onsets in self._onsets.items():
-            if ALARM_LEVELS[kind] is Level.WARNING:
-                onsets.restart()
+            onsets.restart(ends=ALARM_LEVELS[kind] is Level.WARNING)
+
+    def forget(self) -> None:
+        """Let the onsets under other limits raise alarms wherever they are."""
+        for onsets in self._onsets.values():
+            onsets.forget()
 
     def restore(self, alarms: list[Alarm], active: Collection[AlarmKind] = ()) -> None:
         """Restore stored alarms. active: kinds whose alarm is of a condition that still holds."""
@@ -126,7 +143,7 @@ class Alarms:
             self._keep_evidence(alarm)
             if alarm.acknowledged is None:
                 self._keep_open(alarm)
-                self._onsets[alarm.kind].latch(alarm.id, alarm.seq)
+                self._onsets[alarm.kind].latch(alarm.id)
             else:
                 self._closed = [*self._closed, alarm][-CLOSED_KEPT:]
         for kind in active:
@@ -146,13 +163,15 @@ class Alarms:
         """Return the alarms that a sample raises, an exceedance first.
 
         index: the sample's number in its source; a loop repeats it.   late: why the source is late;
-        empty if it is not.   only: the one kind to check, for a sample that a seek passes.
+        empty if it is not.   only: the one kind to check, for an onset that a seek passes.
         beyond: see Ruling.
         """
         t, state, reason = assessment.t, assessment.state, assessment.reason
         gives_cause = exceedance is not None or assessment.alert or late or state in ALARMING
         if not gives_cause and not self._may_be_active:
             return []
+        if only is not None and ALARM_LEVELS[only] is Level.WARNING:
+            self._onsets[only].is_active = False
         at, measured, doubt = (t, None, "") if exceedance is None else exceedance
         why_limit = "; ".join(filter(None, (beyond, doubt)))
         conditions: tuple[tuple[AlarmKind, float, bool, str | None], ...] = (
@@ -164,7 +183,6 @@ class Alarms:
         raised = [
             self._raise(
                 kind,
-                index,
                 seq=seq,
                 t=at if kind == "limit" else t,
                 p_value=assessment.p_value,
@@ -188,37 +206,42 @@ class Alarms:
         """
         t, exceedance, _ = exceeded
         about = {"t": t, "exceedance": exceedance, "reason": reason or None}
-        return self._begin("limit", seq, t, clock, **about)
+        return self._begin("limit", seq, t, clock, seq, **about)
 
-    def note_late(self, seq: int, t: float, reason: str, clock: Clock) -> list[Alarm]:
+    def note_late(self, seq: int, index: int, t: float, reason: str, clock: Clock) -> list[Alarm]:
         """No sample followed seq, at t [s]: return the caution that this raises, if any."""
-        return self._begin("stale", seq, clock.now(), clock, t=t, reason=reason)
+        return self._begin("stale", seq, clock.now(), clock, index, t=t, reason=reason)
 
-    def note_doubts(self, seq: int, doubts: Sequence[Doubt], clock: Clock) -> list[Alarm]:
+    def note_doubts(
+        self, seq: int, index: int, doubts: Sequence[Doubt], clock: Clock
+    ) -> list[Alarm]:
         cautions = [doubt for doubt in doubts if doubt.level is Level.CAUTION]
         kinds = {doubt.kind for doubt in cautions}
         for kind in DOUBT_KINDS:
             self._onsets[kind].is_active &= kind in kinds
         raised = []
         for kind, _, t, reason in cautions:
-            raised += self._begin(kind, seq, clock.now(), clock, t=t, reason=reason)
+            raised += self._begin(kind, seq, clock.now(), clock, index, t=t, reason=reason)
         return raised
 
     def _begin(
-        self, kind: AlarmKind, seq: int, when: float, clock: Clock, **about: Any
+        self, kind: AlarmKind, seq: int, when: float, clock: Clock, index: int, **about: Any
     ) -> list[Alarm]:
-        """A condition holds after sample seq: return the alarm that this raises, if any."""
-        self._may_be_active = True
-        if not self._onsets[kind].begins(seq, when, True):
-            return []
-        return [self._raise(kind, seq, seq=seq, p_value=None, raised=clock.utc(), **about)]
+        """A condition holds after sample seq: return the alarm that this raises, if any.
 
-    def _raise(self, kind: AlarmKind, index: int, **about: Any) -> Alarm:
+        index: see `update`.
+        """
+        self._may_be_active = True
+        if not self._onsets[kind].begins(index, when, True):
+            return []
+        return [self._raise(kind, seq=seq, p_value=None, raised=clock.utc(), **about)]
+
+    def _raise(self, kind: AlarmKind, **about: Any) -> Alarm:
         self._number += 1
         alarm = Alarm(self._number, kind=kind, level=ALARM_LEVELS[kind], **about)
         self._keep_open(alarm)
         self._keep_evidence(alarm)
-        self._onsets[kind].latch(alarm.id, index)
+        self._onsets[kind].latch(alarm.id)
         return alarm
 
     def _keep_evidence(self, alarm: Alarm) -> None:

@@ -264,6 +264,11 @@ class Flight(ABC):
         return self._recent.head
 
     @property
+    def _position(self) -> int:
+        """Number of the newest sample in its source."""
+        return self.head
+
+    @property
     def facts(self) -> Facts:
         assessment = self._assessment
         return Facts(
@@ -598,10 +603,11 @@ class Flight(ABC):
             self.judge((False, False, UNASSESSED))
 
     def _doubt(self, doubts: tuple[Doubt, ...]) -> None:
-        if doubts != self.doubts:
+        if doubts or self.doubts:
             self.doubts = doubts
             self._is_in_doubt = any(doubt.level is Level.CAUTION for doubt in doubts)
-            self._raise_alarms(self.alarms.note_doubts(self.head, doubts, self.clock))
+            about = self.head, self._position, doubts, self.clock
+            self._raise_alarms(self.alarms.note_doubts(*about))
 
     def _judge(self, seq: int, assessment: Assessment) -> None:
         first = first_exceedance(self.alarms.evidence)
@@ -690,7 +696,8 @@ class Flight(ABC):
         reason, is_new = f"no sample came for {seconds:g} s", self.state is not State.STALE
         if is_new or self.reason == self._late:
             self._set_state(State.STALE, NOTHING_COMES)
-        self._raise_alarms(self.alarms.note_late(self.head, self.t, reason, self.clock))
+        about = self.head, self._position, self.t, reason, self.clock
+        self._raise_alarms(self.alarms.note_late(*about))
         if is_new:
             self._show()
 

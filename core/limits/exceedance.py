@@ -146,6 +146,7 @@ class _Interval:
 
     start: float
     end: float
+    acknowledged: bool = False
 
     def has(self, t: float, near: float) -> bool:
         return self.start - near <= t <= self.end + near
@@ -251,11 +252,16 @@ class Exceedances:
 
     def start_of(self, key: str, t: float) -> float:
         """Start of the exceedance of a channel at t [s]."""
-        return next((i.start for i in self._intervals.get(key, ()) if i.has(t, self._near)), t)
+        return self._interval_at(key, t).start
+
+    def _interval_at(self, key: str, t: float) -> _Interval:
+        known = (i for i in self._intervals.get(key, ()) if i.has(t, self._near))
+        return next(known, _Interval(t, t))
 
     def acknowledge(self) -> None:
         """Acknowledge all; those that have ended are no longer latched."""
         for key, latched in list(self._latched.items()):
+            self._interval_at(key, latched.t).acknowledged = True
             if latched.over:
                 latched.acknowledged = True
             else:
@@ -297,8 +303,8 @@ class Exceedances:
         for key, value in over.items():
             latched = self._latched.get(key)
             if latched is None:
-                start = self.start_of(key, t)
-                latched = LatchedExceedance(key, start, value, over=True, acknowledged=False)
+                at = self._interval_at(key, t)
+                latched = LatchedExceedance(key, at.start, value, True, at.acknowledged)
                 self._latched[key] = latched
             latched.over = True
             latched.value = max(latched.value, value, key=lambda v: abs(v - self._rest[key]))

@@ -80,6 +80,10 @@ class TrackFlight(Flight):
             waiting=self._is_waiting and not self.is_over,
         )
 
+    @property
+    def _position(self) -> int:
+        return self._at
+
     def _planned_attitude(self) -> KnownAngles | None:
         planned = self._script.planned
         if planned is None:
@@ -143,6 +147,7 @@ class TrackFlight(Flight):
         monitors = [plan.monitor, *(shown.monitor for shown in plan.display)]
         self._held = LimitsRule(in_force, [monitor.envelope for monitor in monitors]).at()
         self._exceedances = self._script.exceeding(self._held.limits)
+        self.alarms.forget()
         return self._held
 
     def _forecast_ahead(self) -> Ahead | None:

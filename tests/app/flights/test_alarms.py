@@ -85,14 +85,33 @@ def test_a_sample_that_cannot_be_assessed_ends_no_alert() -> None:
     assert Script().fly(f"11{unknown}11") == [0]
 
 
-def test_a_loop_does_not_ring_again_for_the_open_alarm_but_does_for_an_acknowledged_one() -> None:
+def test_an_onset_flown_again_is_one_alarm_acknowledged_or_not() -> None:
     script = Script()
     assert script.fly("0011", index=0) == [2]
     script.alarms.restart()
     assert script.fly("0011", index=0) == []
     script.alarms.acknowledge("1", "FTE", "now")
+    for first in (0, 3):  # a loop, and a step back into the alert
+        script.alarms.restart()
+        assert script.fly("0011"[first:], index=first) == []
+    assert script.alarms.n_open(Level.WARNING) == 0
+
+
+def test_an_onset_that_joined_an_alarm_is_acknowledged_with_it() -> None:
+    script = Script()
+    assert script.fly("01011", index=0) == [1]
+    script.alarms.acknowledge("1", "FTE", "now")
     script.alarms.restart()
-    assert script.fly("0011", index=0) == [10]
+    assert script.fly("1", index=4) == []
+
+
+def test_under_other_limits_the_same_sample_rings_again() -> None:
+    script = Script()
+    assert script.fly("01", index=0) == [1]
+    script.alarms.acknowledge("1", "FTE", "now")
+    script.alarms.forget()
+    script.alarms.restart()
+    assert script.fly("01", index=0) == [3]
 
 
 def test_a_loop_with_two_alerts_rings_once_for_each_while_both_are_open() -> None:
@@ -146,8 +165,11 @@ def test_an_exceedance_follows_the_rules_of_latching_on_its_own() -> None:
     assert exceed(alarms, f"101{CALM}1") == [(0, "limit"), (3 + len(CALM), "limit")]
     alarms.acknowledge("1", "FTE", "now")
     alarms.acknowledge("2", "FTE", "now")
-    alarms.restart()
+    assert exceed(alarms, "0") == []
     assert exceed(alarms, "1") == [(0, "limit")]
+    alarms.acknowledge("3", "FTE", "now")
+    alarms.restart()
+    assert exceed(alarms, "1") == []
 
 
 def test_risk_and_exceedance_at_one_sample_are_two_alarms() -> None:
@@ -209,7 +231,7 @@ def test_seeking_about_where_validity_is_lost_rings_no_second_time() -> None:
 
 def test_a_source_that_is_late_again_raises_a_caution_of_its_own_and_a_flicker_none() -> None:
     alarms, clock = Alarms(), ScriptedClock()
-    late = partial(alarms.note_late, t=0.0, reason="no sample came", clock=clock)
+    late = partial(alarms.note_late, index=0, t=0.0, reason="no sample came", clock=clock)
     said = Assessment(0.1, 0.1, False, State.OK)
     assert [(alarm.kind, alarm.seq, alarm.reason) for alarm in late(0)] == [
         ("stale", 0, "no sample came")
@@ -228,4 +250,4 @@ def test_a_source_that_is_late_again_raises_a_caution_of_its_own_and_a_flicker_n
 def test_a_sample_that_repeats_its_time_is_stale_once_also_where_nothing_follows() -> None:
     alarms = Alarms()
     assert states(alarms, "0sss") == [(1, "stale")]
-    assert alarms.note_late(3, 0.3, "no sample came", ScriptedClock()) == []
+    assert alarms.note_late(3, 3, 0.3, "no sample came", ScriptedClock()) == []

@@ -266,7 +266,7 @@ def test_an_alert_raises_one_alarm_at_its_onset(exact: Monitor, failing: Array) 
     assert late.take()[0]["alarms"] == [asdict(told)]
 
 
-def test_a_seek_into_an_alert_rings_by_the_time_at_which_it_began(
+def test_a_seek_into_an_alert_rings_once_by_the_time_at_which_it_began(
     exact: Monitor, failing: Array
 ) -> None:
     flown = Flown(exact, failing).start()
@@ -279,7 +279,7 @@ def test_a_seek_into_an_alert_rings_by_the_time_at_which_it_began(
         flown.flight.act("seek", float(T[sample]))
     flown.seen.take()
     raised = [m["alarm"] for m in flown.seen.of("alarm") if m["alarm"]["acknowledged"] is None]
-    assert [alarm["t"] for alarm in raised] == [T[onset], T[onset]]
+    assert [alarm["t"] for alarm in raised] == [T[onset]]
     assert raised[0]["p_value"] == exact.assess(T, failing, EPSILON)[onset].p_value
 
 
@@ -287,16 +287,33 @@ def test_an_exceedance_that_a_seek_comes_into_is_counted_from_where_it_began(
     exact: Monitor,
 ) -> None:
     y = np.zeros((N_SAMPLES, 6))
-    y[20:25, NY], y[30:40, NY] = 0.529, 0.6
+    y[5:10, NY], y[30:40, NY] = 0.529, 0.6
     flown = Flown(exact, y, epsilon=0.99).start()
     flown.flight.act("pause")
-    for sample in (35, 0, 22, 37):
+    for sample in (35, 0, 7, 37):
         flown.flight.act("seek", float(T[sample]))
     flown.seen.take()
     alarms = [m["alarm"] for m in flown.seen.of("alarm")]
-    assert [(alarm["kind"], alarm["t"]) for alarm in alarms] == [("limit", T[20]), ("limit", T[30])]
+    assert [(alarm["kind"], alarm["t"]) for alarm in alarms] == [("limit", T[5]), ("limit", T[30])]
     (ny,) = flown.flight.exceedances.of_channels
-    assert (ny.n, ny.first_t, ny.last_t) == (2, T[20], T[30])
+    assert (ny.n, ny.first_t, ny.last_t) == (2, T[5], T[30])
+
+
+def test_a_step_back_into_an_acknowledged_exceedance_stays_acknowledged(exact: Monitor) -> None:
+    y = np.zeros((N_SAMPLES, 6))
+    y[20:30, NY] = 0.6
+    flown = Flown(exact, y, epsilon=0.99).start()
+    flown.flight.act("pause")
+    flown.flight.act("seek", float(T[25]))
+    acknowledge_all(flown)
+    flown.flight.act("step", -1)
+    assert flown.flight.alarms.n_open(Level.WARNING) == 0
+    assert len(flown.flight.alarms.at_hand) == 1
+    (latched,) = flown.flight.exceedances.latched
+    assert latched.acknowledged
+    flown.flight.act("play")
+    flown.advance(1.0)
+    assert flown.flight.exceedances.latched == []
 
 
 def test_an_alarm_reaches_a_watcher_without_credit(exact: Monitor, failing: Array) -> None:
