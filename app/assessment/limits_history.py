@@ -8,7 +8,8 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from app.assessment.limits_in_force import LimitsInForce, LimitsRule, LimitsRuling
-from app.assessment.rulings import CONDITION_VALID_S, ROUNDING
+from app.assessment.monitors_in_use import MonitorRuling, MonitorsInUse, MonitorsRule
+from app.assessment.rulings import CONDITION_VALID_S, ROUNDING, Ruling
 from app.telemetry.contents import Columns
 from app.telemetry.mapping.mapping import Mapping as ChannelMapping
 from app.telemetry.mapping.mapping import TimeSource
@@ -70,23 +71,16 @@ class LimitsHistory:
             raise TelemetryError(
                 "the limit sets in force are damaged: export the flight's journal again"
             ) from None
-        names = {key: contents.conditions.get(key, str(key)) for key in CONDITION_KEYS}
-        known = {signal.name for signal in contents.signals}
-        measured = {
-            key: _measured(columns, mapping, names[key], CONDITIONS[key].unit)
-            for key in CONDITION_KEYS
-            if names[key] in known
-        }
-        return cls(versions, measured)
+        return cls(versions, conditions_in(columns, mapping))
 
     def timeline(self, own: Sequence[Envelope | None]) -> "InForceTimeline":
         """Limits in force over time. own: limits of each monitor, alarm authority first."""
-        starts, rulings = [-np.inf], list[LimitsRuling | None]([None])
+        starts, rulings = [-np.inf], list[Ruling | None]([None])
         notes: tuple[str, ...] = ()
         begins = [-np.inf if v.seq == 0 else v.t + SAME_TIME for v in self.versions]
         for version, (begin, end) in zip(self.versions, pairwise([*begins, np.inf]), strict=True):
             rule = LimitsRule(version, own)
-            for t, condition in self._conditions(begin, end):
+            for t, condition in conditions_over(self.measured, begin, end):
                 ruling = rule.at(condition)
                 if rule.contradiction and not notes:
                     notes = (f"At {t:.2f} s {rule.contradiction}: the declared value applies.",)
@@ -95,22 +89,65 @@ class LimitsHistory:
                     rulings.append(ruling)
         return InForceTimeline(np.array(starts), tuple(rulings), own[0], notes)
 
-    def _conditions(self, begin: float, end: float) -> list[tuple[float, Condition]]:
-        """The measured condition at `begin` [s] and at each later change before `end`."""
-        edges = [np.array([begin])]
-        for series in self.measured.values():
-            edges += [series.t - ROUNDING, np.nextafter(series.t + CONDITION_VALID_S, np.inf)]
-        t = np.unique(np.concatenate(edges))
-        t = t[(t >= begin) & (t < end)]
-        columns = [_at(key, self.measured.get(key), t) for key in CONDITION_KEYS]
-        changes = np.ones(len(t), bool)
-        changes[1:] = np.logical_or.reduce(
-            [(v[1:] != v[:-1]) | (words[1:] != words[:-1]) for v, words in columns]
+
+@dataclass(frozen=True, eq=False)
+class SetHistory:
+    """The monitor set to score a recording by, and the flight condition of the recording."""
+
+    in_use: MonitorsInUse
+    measured: dict[str, ConditionSeries]
+
+    def timeline(self) -> "InForceTimeline":
+        """Which monitor of the set is in use when, and its limits."""
+        rule = MonitorsRule(self.in_use)
+        starts, rulings, notes = list[float](), list[Ruling | None](), tuple[str, ...]()
+        for t, condition in conditions_over(self.measured, -np.inf, np.inf):
+            ruling = rule.at(condition)
+            if rule.contradiction and not notes:
+                notes = (f"At {t:.2f} s {rule.contradiction}: the declared value applies.",)
+            if not rulings or ruling is not rulings[-1]:
+                starts.append(t)
+                rulings.append(ruling)
+        return InForceTimeline(
+            np.array(starts), tuple(rulings), None, notes, len(self.in_use.members[0].dictionary)
         )
-        return [
-            (float(t[k]), tuple(str(w[k]) or float(v[k]) for v, w in columns))
-            for k in np.flatnonzero(changes)
-        ]
+
+
+def conditions_in(columns: Columns, mapping: ChannelMapping) -> dict[str, ConditionSeries]:
+    """The channels of the flight condition in a recording, by key.
+
+    Each by the name that its flight gave it, its key, or the signal mapped to it.
+    """
+    contents, mapped = columns.contents, mapping.channels
+    known = {signal.name for signal in contents.signals}
+    measured = {}
+    for key in CONDITION_KEYS:
+        channel = mapped.get("h" if key == "altitude" else key)
+        names = contents.conditions.get(key, str(key)), channel.signal if channel else ""
+        name = next((name for name in names if name in known), None)
+        if name is not None:
+            measured[key] = _measured(columns, mapping, name, CONDITIONS[key].unit)
+    return measured
+
+
+def conditions_over(
+    measured: Mapping[str, ConditionSeries], begin: float, end: float
+) -> list[tuple[float, Condition]]:
+    """The measured condition at `begin` [s] and at each later change before `end`."""
+    edges = [np.array([begin])]
+    for series in measured.values():
+        edges += [series.t - ROUNDING, np.nextafter(series.t + CONDITION_VALID_S, np.inf)]
+    t = np.unique(np.concatenate(edges))
+    t = t[(t >= begin) & (t < end)]
+    columns = [_at(key, measured.get(key), t) for key in CONDITION_KEYS]
+    changes = np.ones(len(t), bool)
+    changes[1:] = np.logical_or.reduce(
+        [(v[1:] != v[:-1]) | (words[1:] != words[:-1]) for v, words in columns]
+    )
+    return [
+        (float(t[k]), tuple(str(w[k]) or float(v[k]) for v, w in columns))
+        for k in np.flatnonzero(changes)
+    ]
 
 
 class InForceTimeline:
@@ -123,13 +160,14 @@ class InForceTimeline:
     def __init__(
         self,
         starts: Array,
-        rulings: tuple[LimitsRuling | None, ...],
+        rulings: tuple[Ruling | None, ...],
         own: Envelope | None,
         notes: tuple[str, ...] = (),
+        n_channels: int = len(KEYS),
     ):
         self.starts, self.rulings, self.notes = starts, rulings, notes
         self._known = [own if ruling is None else ruling.limits for ruling in rulings]
-        each = [limits or Envelope.unlimited(len(KEYS)) for limits in self._known]
+        each = [limits or Envelope.unlimited(n_channels) for limits in self._known]
         self.limits = Envelope(*map(np.array, zip(*each, strict=True)))
         """of each start, infinite where there is no limit or it is unknown"""
         self._silent = np.array([bool(ruling and ruling.reasons[0]) for ruling in rulings])
@@ -137,7 +175,7 @@ class InForceTimeline:
     def index(self, t: Array | float) -> Indices:
         return np.searchsorted(self.starts, t, "right") - 1
 
-    def ruling(self, t: float) -> LimitsRuling | None:
+    def ruling(self, t: float) -> Ruling | None:
         """The ruling at a time [s]; None for the alarm authority's own limits."""
         return self.rulings[int(self.index(t))]
 
@@ -177,12 +215,14 @@ class InForceTimeline:
 
 
 def limits_over_time(
-    history: LimitsHistory | None, monitors: Sequence[Monitor]
+    history: LimitsHistory | SetHistory | None, monitors: Sequence[Monitor]
 ) -> InForceTimeline | None:
     """Limits in force for monitors, the alarm authority first; None if its own always apply.
 
     They do without a limit set, and for channels that limit sets do not know.
     """
+    if isinstance(history, SetHistory):
+        return history.timeline()
     if history is None or monitors[0].dictionary != LATERAL:
         return None
     return history.timeline([monitor.envelope for monitor in monitors])
@@ -220,9 +260,20 @@ def pieces_of(
     return [LimitPiece(-np.inf, begin, own or unlimited), *pieces]
 
 
-def _plain(ruling: LimitsRuling) -> dict[str, Any]:
-    in_force = ruling.in_force
+def _plain(ruling: Ruling) -> dict[str, Any]:
     limits = specification_to_plain(ruling.specification)
+    if isinstance(ruling, MonitorRuling):
+        known = limits if isinstance(limits, dict) and ruling.limits is not None else None
+        return {
+            "name": ruling.in_use.name,
+            "case": ruling.case,
+            "monitor": ruling.monitor_id,
+            "monitor_name": ruling.monitor_name,
+            "limits": known and {key: limit for key, limit in known.items() if limit is not None},
+            "reason": ruling.reason,
+        }
+    assert isinstance(ruling, LimitsRuling)
+    in_force = ruling.in_force
     return {
         "limit_set": in_force.limit_set,
         "name": in_force.name,

@@ -11,13 +11,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from app.assessment.planned_test import known_test
 from app.assessment.rulings import ConditionRule, Ruling
+from app.assessment.trim import departure, input_sizes
 from core.conditions import ConditionKey
 from core.limits.limits import Envelope
 from core.monitor import Monitor
 from core.monitor.assessment import Cause
 from core.monitor.monitor_set import MonitorSet
 from core.monitor.status import NOT_APPLICABLE
+from core.types import Array
 
 BEYOND_ALL = "beyond the limit of every monitor of the set"
 
@@ -51,6 +56,25 @@ class MonitorsInUse:
     def monitor(self, case: int) -> Monitor:
         return self.monitors.cases[case].monitor
 
+    def departure(self) -> Array:
+        """(n_controls,) motion with which an input begins, the least of any monitor."""
+        sizes = [input_sizes(known_test(member)) for member in self.members]
+        return departure(np.min(sizes, axis=0))
+
+
+def needs_beginning(monitor: Monitor, case: str, t: float) -> str:
+    """Why a monitor that comes into use at t [s] within a manoeuvre says nothing of the rest of it.
+
+    Empty unless it forecasts the rest of a manoeuvre or checks its input from the beginning on.
+    """
+    basis = monitor.validity_basis
+    if monitor.forecast is None and (basis is None or basis.input_shape is None):
+        return ""
+    return (
+        f"{NOT_APPLICABLE}: {case} holds since {t:.2f} s, within the manoeuvre, and its "
+        "monitor needs the beginning"
+    )
+
 
 @dataclass(frozen=True, eq=False)
 class MonitorRuling(Ruling):
@@ -68,6 +92,10 @@ class MonitorRuling(Ruling):
     def monitor_id(self) -> str:
         """Of the monitor in use; empty where none is."""
         return "" if self.used is None else self.in_use.ids[self.used]
+
+    @property
+    def monitor_name(self) -> str:
+        return "" if self.used is None else self.in_use.names[self.used]
 
     @property
     def beyond(self) -> str:

@@ -21,7 +21,12 @@ from app.assessment.grid import (
     joined,
     missing_after,
 )
-from app.assessment.limits_history import InForceTimeline, LimitsHistory, limits_over_time
+from app.assessment.limits_history import (
+    InForceTimeline,
+    LimitsHistory,
+    SetHistory,
+    limits_over_time,
+)
 from app.assessment.planned_test import PlannedTest, needed_channels, planned_test
 from app.assessment.scored import BETWEEN
 from app.assessment.trim import CausalTrim, FollowedManoeuvre
@@ -99,7 +104,8 @@ class RecordedFlight:
     traces: repaired.   judged: every received sample, by flight time.   recording: on the monitor's
     grid.   begun: rows with which a manoeuvre is begun by hand.   needed: (n_channels,) channels
     the monitor needs.   timeline: limits in force over time; None where no limit set was in force.
-    use: in the training of the monitor; empty for none.
+    use: in the training of the monitor; empty for none.   members: of the monitor set that scores
+    it, one by one as if alone; empty for one monitor.
     """
 
     monitor: Monitor
@@ -113,12 +119,14 @@ class RecordedFlight:
     notes: tuple[str, ...]
     timeline: InForceTimeline | None = None
     use: str = ""
+    members: tuple[Monitor, ...] = ()
 
     @cached_property
     def manoeuvres(self) -> list[FollowedManoeuvre]:
         """As followed in flight."""
         in_force = None if self.timeline is None else self.timeline.changes(self.recording.t)
-        return CausalTrim.of(self.monitor).follow(self.recording.y, self.begun, in_force)
+        trim = CausalTrim.of(*(self.members or (self.monitor,)))
+        return trim.follow(self.recording.y, self.begun, in_force)
 
     @cached_property
     def place(self) -> Indices:
@@ -145,12 +153,17 @@ class RecordedFlight:
 
     @classmethod
     def of(
-        cls, monitor: Monitor, repaired: RepairedTraces, history: LimitsHistory | None = None
+        cls,
+        monitor: Monitor,
+        repaired: RepairedTraces,
+        history: LimitsHistory | SetHistory | None = None,
     ) -> Self:
         """Raises MissingChannels, or TelemetryError for a channel that is too slow."""
         repaired = in_units(repaired, monitor.dictionary)
         quality, planned = repaired.quality, planned_test(monitor)
-        needed, dictionary = needed_channels(monitor), monitor.dictionary
+        members = tuple(history.in_use.members) if isinstance(history, SetHistory) else ()
+        each_needed = [needed_channels(each) for each in members or (monitor,)]
+        needed, dictionary = np.logical_or.reduce(each_needed), monitor.dictionary
         recorded = [c.key for c in quality.channels if c.missing < 1.0 or c.implausible]
         absent = [key for key in dictionary.measured if key not in recorded]
         read = dictionary.sources([dictionary.keys[c] for c in np.flatnonzero(needed)])
@@ -181,7 +194,13 @@ class RecordedFlight:
             needed,
             tuple(notes),
             timeline,
+            members=members,
         )
+
+    def by(self, monitor: Monitor) -> Self:
+        """The same recording as one monitor of the set sees it."""
+        about = planned_test(monitor), needed_channels(monitor)
+        return replace(self, monitor=monitor, planned=about[0], needed=about[1])
 
 
 def sizes_of(traces: Traces, dictionary: Dictionary) -> tuple[float, ...]:

@@ -3,6 +3,7 @@
 from bisect import bisect_left, bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,8 @@ import numpy.typing as npt
 
 from app.assessment.compatibility import compatibility
 from app.assessment.coverage import why_outcome_unknown, why_warning_unknown
-from app.assessment.limits_history import LimitsHistory
+from app.assessment.limits_history import LimitsHistory, SetHistory
+from app.assessment.monitors_in_use import MonitorRuling, MonitorsInUse, needs_beginning
 from app.assessment.outcome import (
     MOST_OUTSIDE,
     Limited,
@@ -35,7 +37,7 @@ from app.assessment.segments import Interval, ScoringRecipe, Segment, detected_s
 from app.assessment.validity import AssessedSegment, under_limits, validity
 from app.assessment.wording import guarantee, limits_remarks, remarks, withdrawn
 from app.telemetry.contents import release
-from app.telemetry.recording import ATTITUDE, Recording
+from app.telemetry.recording import ATTITUDE, Recording, TelemetryError
 from app.telemetry.timing.repair import RepairedTraces
 from core.channels import LATERAL
 from core.evaluation.certificate import use_of
@@ -46,6 +48,8 @@ from core.monitor.calibration import smallest_epsilon
 from core.monitor.validity.flown_input import FlownInput, amplitude
 from core.types import Array, Flags
 
+Level = tuple[float, float]
+"""Accepted miss rate, and the risk above which a sample alerts."""
 USUAL = ScoringRecipe().to_plain()
 JUDGED_TOGETHER = 64
 """Release the mapped columns from memory after this many segments."""
@@ -56,13 +60,14 @@ def score(
     monitor: Monitor,
     recorded: RepairedTraces,
     recipe: ScoringRecipe | None = None,
-    history: LimitsHistory | None = None,
+    history: LimitsHistory | SetHistory | None = None,
     digest: str = "",
 ) -> ScoredRecording:
     """Score a recording.
 
     recorded: in SI units.   history: limits that were in force; None for the monitor's own. They
-    decide what an exceedance is; where they differ from the monitor's, it is not applicable.
+    decide what an exceedance is; where they differ from the monitor's, it is not applicable. Or a
+    monitor set: each sample is assessed by the monitor in use, `monitor` is the first of the set.
     digest: SHA-256 of its file, by which a flight that trained the monitor is known, beside its
     samples.
     TelemetryError where the recording lacks what the monitor needs or the recipe does not fit it;
@@ -77,22 +82,24 @@ def score_at_each(
     recorded: RepairedTraces,
     recipe: ScoringRecipe,
     epsilons: Sequence[float | None],
-    history: LimitsHistory | None = None,
+    history: LimitsHistory | SetHistory | None = None,
     digest: str = "",
 ) -> tuple[ScoredRecording, ...]:
     """Score at several miss rates in one pass: only the alerts depend on epsilon."""
-    checked = [monitor.check_epsilon(epsilon) for epsilon in epsilons]
-    levels = [(epsilon, monitor.alert_above(epsilon)) for epsilon in checked]
+    levels = [level_of(monitor, epsilon) for epsilon in epsilons]
     flight = RecordedFlight.of(monitor, recorded, history)
-    if "flown" in (monitor.evaluation or {}):
-        sizes = sizes_of(flight.traces, monitor.dictionary)
-        flight = replace(flight, use=use_of(monitor.evaluation, digest, sizes))
+    flight = _with_use(flight, digest)
     usual = recipe.to_plain() | {"epsilon": None} == USUAL
     if recorded.flown is not None and recorded.flown.is_trimmed and usual:
         recipe = replace(recipe, trim=None, manoeuvres="entire")  # as in the flight
     followed = flight.manoeuvres if recipe.manoeuvres == "detected" else ()
     selected, notes = segments(flight.recording, flight.planned, recipe, followed)
-    judged = _judge_all(flight, selected)
+    members = [_with_use(flight.by(member), digest) for member in flight.members]
+    parts = [(flight, segment) for segment in selected]
+    if isinstance(history, SetHistory):
+        parts, unused = _by_monitor(flight, members, history.in_use, selected)
+        notes = (*notes, *unused)
+    judged = _judge_all(flight, parts)
     outside = _outside(flight, judged)
     used = [f"{flight.use[0].upper()}{flight.use[1:]}."] if flight.use else []
     notes = (*used, *flight.notes, *notes, *notes_on_outside(outside, monitor.dictionary))
@@ -102,7 +109,7 @@ def score_at_each(
     in_force = timeline and tuple(timeline.intervals(float(t[0]), float(t[-1])))
     return tuple(
         ScoredRecording(
-            *_assessed(flight, judged, epsilon, above),
+            *_assessed(flight, judged, None if members else (epsilon, above)),
             monitor.dt,
             epsilon,
             above,
@@ -114,6 +121,60 @@ def score_at_each(
         )
         for epsilon, above in levels
     )
+
+
+def _with_use(flight: RecordedFlight, digest: str) -> RecordedFlight:
+    """With the use of the flight in the training of its monitor."""
+    evaluation = flight.monitor.evaluation
+    if "flown" not in (evaluation or {}):
+        return flight
+    sizes = sizes_of(flight.traces, flight.monitor.dictionary)
+    return replace(flight, use=use_of(evaluation, digest, sizes))
+
+
+def _by_monitor(
+    flight: RecordedFlight,
+    members: Sequence[RecordedFlight],
+    in_use: MonitorsInUse,
+    selected: Sequence[Segment],
+) -> tuple[list[tuple[RecordedFlight, Segment]], list[str]]:
+    """The segments in parts, each with the monitor in use as in flight; and notes on the others.
+
+    TelemetryError where no monitor is in use in any of them.
+    """
+    t, y, timeline = flight.recording.t, flight.recording.y, flight.timeline
+    assert timeline is not None
+    index = timeline.index(t)
+    edges = [*np.flatnonzero(np.diff(index, prepend=-1)).tolist(), len(t)]
+    controls = np.abs(y[:, flight.planned.controls])
+    has_moved = np.maximum.accumulate(~(controls <= in_use.departure()).all(axis=1))
+    parts, unused = list[tuple[RecordedFlight, Segment]](), list[str]()
+    for segment in selected:
+        trim = segment.trim_of(y, flight.monitor.dictionary)
+        begin = segment.first if segment.onset is None else segment.onset
+        for first, stop in pairwise(edges):
+            ruling = timeline.rulings[index[first]]
+            start, last = max(begin, first), min(segment.last, stop - 1)
+            if start > last or not isinstance(ruling, MonitorRuling):
+                continue
+            if ruling.used is None:
+                times = f"{t[start]:.2f} to {t[last]:.2f} s"
+                unused.append(f"{segment.name}, {times}: no monitor in use, {ruling.reason}.")
+                continue
+            part = segment._replace(last=last, trim=trim, since=first)
+            if start > begin:
+                is_moving = segment.onset is not None or bool(has_moved[start])
+                monitor = in_use.monitor(ruling.used)
+                why = needs_beginning(monitor, ruling.case, float(t[start])) if is_moving else ""
+                part = Segment(segment.name, start, last, None, None, trim, None, start, why)
+            name = f"{segment.name}, {ruling.case}"
+            parts.append((members[ruling.used], part._replace(name=name)))
+    if not parts:
+        raise TelemetryError(
+            f"no monitor of the set {in_use.name} is in use in a manoeuvre: "
+            f"{'; '.join(unused)[:500]} Give the flight condition"
+        )
+    return parts, unused
 
 
 def manoeuvres_in(monitor: Monitor, recorded: RepairedTraces) -> tuple[Interval, ...]:
@@ -174,10 +235,12 @@ class JudgedSegment:
         return silent | (np.arange(part.start, part.stop) >= self.withdrawal.first)
 
 
-def _judge_all(flight: RecordedFlight, selected: Sequence[Segment]) -> list[JudgedSegment]:
+def _judge_all(
+    flight: RecordedFlight, parts: Sequence[tuple[RecordedFlight, Segment]]
+) -> list[JudgedSegment]:
     judged: list[JudgedSegment] = []
-    for begin in range(0, len(selected), JUDGED_TOGETHER):
-        judged += [_judge(flight, part) for part in selected[begin : begin + JUDGED_TOGETHER]]
+    for begin in range(0, len(parts), JUDGED_TOGETHER):
+        judged += [_judge(*part) for part in parts[begin : begin + JUDGED_TOGETHER]]
         for trace in flight.traces.channels.values():
             release(trace.values)
     return judged
@@ -188,23 +251,35 @@ def _judge(flight: RecordedFlight, segment: Segment) -> JudgedSegment:
     recorded, monitor = flight.recording, flight.monitor
     begin, stop = segment.first if segment.onset is None else segment.onset, segment.last + 1
     trim = segment.trim_of(recorded.y, monitor.dictionary)
-    start = begin if segment.onset is None else max(0, begin - monitor.recipe.n_delay - 1)
+    start = begin
+    if segment.onset is not None:
+        start = max(segment.since, begin - monitor.recipe.n_delay - 1)
     first = min(start, segment.first)
     from_trim = recorded.y[first:stop] - trim
     y, streamed = from_trim[segment.first - first :], from_trim[start - first :]
-    y_read = input_of(streamed, flight.needed)
-    whole = monitor.assess(recorded.t[start:stop], y_read, withdraw=False)
+    y_read, t_read = input_of(streamed, flight.needed), recorded.t[start:stop]
+    if segment.joins is not None:  # in a monitor set its history begins empty
+        unknown = np.full((1, streamed.shape[1]), np.nan)
+        t_read = np.append(t_read[0] - monitor.dt, t_read)
+        y_read, streamed = np.append(unknown, y_read, 0), np.append(unknown, streamed, 0)
+    n_history = len(t_read) - (stop - begin)
+    whole = monitor.assess(t_read, y_read, withdraw=False)
     interval = float(recorded.t[segment.first]), float(recorded.t[segment.last])
     about = flight.judged, monitor.dictionary, flight.planned.limits
     arguments = *about, trim, *interval
     limited = against_limits(*arguments, flight.timeline)
-    assessed = AssessedSegment(flight, segment, trim, streamed, y_read, whole, begin - start)
+    assessed = AssessedSegment(flight, segment, trim, streamed, y_read, whole, n_history)
     t = assessed.assessments.t
     verdict, withdrawal = validity(assessed)
     if withdrawal is not None:
-        withdrawal = withdrawal._replace(first=max(0, withdrawal.first - (begin - start)))
+        withdrawal = withdrawal._replace(first=max(0, withdrawal.first - n_history))
     silent, in_force, own = np.zeros(len(t), bool), (), None
-    if flight.timeline is not None:
+    if flight.timeline is not None and flight.members:
+        in_force = tuple(flight.timeline.intervals(float(t[0]), interval[1]))
+        if segment.joins:
+            withdrawal = Withdrawal(0, segment.joins)
+            verdict = replace(verdict, valid=False, reasons=(segment.joins, *verdict.reasons))
+    elif flight.timeline is not None:
         silent = flight.timeline.silent(t)
         in_force = tuple(flight.timeline.intervals(*interval))
         verdict = under_limits(verdict, in_force)
@@ -242,17 +317,25 @@ def _outside(flight: RecordedFlight, judged: list[JudgedSegment]) -> tuple[Recor
 
 
 def _assessed(
-    flight: RecordedFlight, judged: list[JudgedSegment], epsilon: float, alert_above: float
+    flight: RecordedFlight, judged: list[JudgedSegment], level: Level | None
 ) -> tuple[npt.NDArray[np.void], tuple[ScoredManoeuvre, ...]]:
-    """Samples and manoeuvres at one miss rate and its alert threshold."""
-    samples = _samples(flight, judged, alert_above)
+    """Samples and manoeuvres at one miss rate and its alert threshold; None for each monitor's."""
+    levels = [level or level_of(each.assessed.monitor, None) for each in judged]
+    samples = _samples(flight, judged, [above for _, above in levels])
     return samples, tuple(
-        _verdict(flight, segment, samples, epsilon, alert_above) for segment in judged
+        _verdict(each.assessed.flight, each, samples, *of_each)
+        for each, of_each in zip(judged, levels, strict=True)
     )
 
 
+def level_of(monitor: Monitor, epsilon: float | None) -> Level:
+    """A miss rate, None for the monitor's own, and its alert threshold. ValueError."""
+    epsilon = monitor.check_epsilon(epsilon)
+    return epsilon, monitor.alert_above(epsilon)
+
+
 def _samples(
-    flight: RecordedFlight, judged: list[JudgedSegment], alert_above: float
+    flight: RecordedFlight, judged: list[JudgedSegment], alert_above: Sequence[float]
 ) -> npt.NDArray[np.void]:
     """(n,) of sample_type, filled block by block; also the times without a sample."""
     n = len(flight.recording.t)
@@ -263,7 +346,7 @@ def _samples(
         rows = slice(first, min(first + BLOCK, n))
         fields = _between(flight.recording, rows, trims, stops)
         for number in range(bisect_right(stops, first), bisect_left(firsts, rows.stop)):
-            _fill(fields, rows, number, judged[number], alert_above)
+            _fill(fields, rows, number, judged[number], alert_above[number])
         for name, values in fields.items():
             samples[name][rows] = values
     return flight.spread(samples)
@@ -391,6 +474,7 @@ def _verdict(
             *remarks(flight.planned, judged.segment, limited, judged.assessments),
         ),
         amplitude=amplitude(judged.inputs),
+        monitor=judged.in_force[0]["monitor_name"] if flight.members else "",
     )
 
 

@@ -94,6 +94,7 @@ class ScoredManoeuvre:
     own_exceedance: of the monitor's own limits, where others were in force.
     amplitude: largest deflection as a share of the planned one; None where unknown.
     remarks: what limits the verdict.   guarantee: what is guaranteed, or why nothing is.
+    monitor: name of the monitor in use of a set; empty for a scoring by one monitor.
     """
 
     name: str
@@ -118,6 +119,7 @@ class ScoredManoeuvre:
     withdrawn_reason: str = ""
     limits_in_force: tuple[dict[str, Any], ...] = ()
     own_exceedance: RecordedExceedance | None = None
+    monitor: str = ""
 
 
 @dataclass(frozen=True, eq=False)

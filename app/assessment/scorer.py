@@ -18,14 +18,19 @@ from app.assessment.grid import (
 )
 from app.assessment.input_checks import Doubt, InputChecks, TrimCheck
 from app.assessment.limits_in_force import LimitsInForce, LimitsRule
-from app.assessment.monitors_in_use import MonitorRuling, MonitorsInUse, MonitorsRule
+from app.assessment.monitors_in_use import (
+    MonitorRuling,
+    MonitorsInUse,
+    MonitorsRule,
+    needs_beginning,
+)
 from app.assessment.planned_test import (
     input_of,
     known_test,
     needed_channels,
 )
 from app.assessment.rulings import ConditionHold, Ruling
-from app.assessment.trim import CausalTrim, departure, input_sizes
+from app.assessment.trim import CausalTrim
 from core.channels import LATERAL
 from core.conditions import Condition, ConditionKey
 from core.kernels import assessing
@@ -35,7 +40,7 @@ from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import REASONS, Cause, withdrawn
 from core.monitor.monitor import Stream
 from core.monitor.peak_forecast import Ahead
-from core.monitor.status import NOT_APPLICABLE, Level
+from core.monitor.status import Level
 from core.simulation.attitude import DisplayAttitude
 from core.types import Array
 
@@ -116,13 +121,7 @@ class GridMonitor:
         unknown = np.full(len(self.monitor.dictionary), np.nan)
         self._stream.update(t - self.monitor.dt, unknown)
         self._filling = f"filling the history: its condition, {case}, holds since {t:.2f} s"
-        basis = self.monitor.validity_basis
-        has_shape = basis is not None and basis.input_shape is not None
-        if is_moving and (has_shape or self.monitor.forecast is not None):
-            self._unseen = (
-                f"{NOT_APPLICABLE}: {case} holds since {t:.2f} s, within the manoeuvre, and its "
-                "monitor needs the beginning"
-            )
+        self._unseen = needs_beginning(self.monitor, case, t) if is_moving else ""
 
     def restart(self, trim: Array) -> None:
         self._stream, self._filling, self._unseen = self._new_stream(), "", ""
@@ -227,8 +226,7 @@ class CausalScorer:
         self._has_begun = self._has_moved = False
         self._controls = list(planned.controls)
         if monitors is not None:
-            sizes = np.min([input_sizes(known_test(member)) for member in members], axis=0)
-            self._departure = departure(sizes)
+            self._departure = monitors.departure()
             self._rule = MonitorsRule(monitors)
             self.ruling = self._rule.at()
 

@@ -107,6 +107,8 @@ class Segment(NamedTuple):
     rest: samples whose mean is the trim; None where no trim is subtracted.
     trim: (n_channels,) as followed in flight; None to take it from `rest`.
     requested: length of rest requested [s], if the recording has less; else None.
+    since: first sample of which the monitor knows, in a monitor set.   joins: why it says nothing
+    of the rest of a manoeuvre; None unless it comes into use after the beginning of one.
     """
 
     name: str
@@ -116,6 +118,8 @@ class Segment(NamedTuple):
     rest: slice | None = None
     trim: Array | None = None
     requested: float | None = None
+    since: int = 0
+    joins: str | None = None
 
     def trim_of(self, y: Array, dictionary: Dictionary = LATERAL) -> Array:
         """(n_channels,) trim, NaN where unknown, 0 where none is subtracted.

@@ -79,6 +79,7 @@ def largest(y: Array) -> Array:
     return np.array([np.abs(column).max(initial=-np.inf) for column in columns])
 
 
+PART = Check("manoeuvre", None, "only a part of it, after the monitor came into use")
 LIMITS = "limits in force"
 """Name of the check that these are the monitor's own limits."""
 
@@ -96,7 +97,7 @@ def validity(assessed: AssessedSegment) -> tuple[Validity, Withdrawal | None]:
         enough,
         channels(assessed),
         *flight_condition(assessed),
-        *manoeuvre(assessed),
+        *(manoeuvre(assessed) if assessed.segment.joins is None else (PART,)),
         units(assessed),
         trim(assessed),
         Check(OBSERVATIONS, verdict.valid, _support_text(verdict)),

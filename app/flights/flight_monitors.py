@@ -5,26 +5,22 @@ from collections.abc import Mapping, Sequence
 from app.assessment.monitors_in_use import MonitorsInUse
 from app.flights.display_monitors import DisplayMonitor, check_has_limits
 from app.messages import MonitorSetStatus, SetCondition
+from app.recordings.scored import set_in_use
 from app.store.flights import FlightInfo
 from app.store.monitor_sets import MonitorSetInfo
 from app.store.store import Store
 from core.conditions import ConditionKey
 from core.limits.limits import Envelope
-from core.monitor.monitor_set import MonitorCase, MonitorSet
 
 
 def monitors_in_use(
     store: Store, info: MonitorSetInfo, fixed: Mapping[ConditionKey, float]
 ) -> MonitorsInUse:
     """A stored set with its monitors; slow, for a thread. NotFound; LimitsUnknown."""
-    cases = []
-    for case in info.cases:
-        monitor = store.monitors.get(case.monitor)
-        check_has_limits(case.monitor, monitor)
-        cases.append(MonitorCase(case.name, case.ranges, monitor))
-    ids = tuple(case.monitor for case in info.cases)
-    names = tuple(case.monitor_name for case in info.cases)
-    return MonitorsInUse(info.id, info.name, MonitorSet(tuple(cases)), ids, names, fixed)
+    in_use = set_in_use(store, info, fixed)
+    for monitor_id, monitor in zip(in_use.ids, in_use.members, strict=True):
+        check_has_limits(monitor_id, monitor)
+    return in_use
 
 
 def member(in_use: MonitorsInUse, case: int) -> DisplayMonitor:

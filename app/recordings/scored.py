@@ -6,12 +6,20 @@ give equal samples, so a repeated request returns the stored scoring.
 
 import hashlib
 import json
+from collections import abc
 from collections.abc import Sequence
 from dataclasses import asdict, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from app.assessment import ScoredRecording, ScoringRecipe, score
-from app.assessment.limits_history import InForceTimeline, LimitsHistory, limits_over_time
+from app.assessment.limits_history import (
+    InForceTimeline,
+    LimitsHistory,
+    SetHistory,
+    conditions_in,
+    limits_over_time,
+)
+from app.assessment.monitors_in_use import MonitorsInUse
 from app.recordings.mapped_columns import plain, quality_of
 from app.recordings.recordings import Recordings
 from app.recordings.samples import (
@@ -24,12 +32,29 @@ from app.recordings.samples import (
     save_samples,
 )
 from app.recordings.tiles import Window, window_between
+from app.store.monitor_sets import MonitorSetInfo
 from app.store.scorings import ScoringInfo
+from app.store.store import Store
 from app.store.tables import new_id, now
 from app.telemetry.mapping.mapping import Mapping
 from core import __version__
+from core.conditions import ConditionKey
 from core.kernels.compiled import threads
 from core.monitor import Monitor
+from core.monitor.monitor_set import MonitorCase, MonitorSet
+
+
+class SetRequest(NamedTuple):
+    """A monitor set to score by. declared: values of the flight condition, over recorded ones."""
+
+    info: MonitorSetInfo
+    declared: abc.Mapping[ConditionKey, float]
+
+    def to_plain(self) -> dict[str, Any]:
+        """What the scoring keeps of it: a set never changes, but may be deleted."""
+        kept = {key: each for key, each in asdict(self.info).items() if key in ("id", "name")}
+        cases = [asdict(case) for case in self.info.cases]
+        return kept | {"cases": cases, "condition": dict(self.declared)}
 
 
 class ScoredRecordings:
@@ -40,15 +65,20 @@ class ScoredRecordings:
         self.store, self.files = recordings.store, recordings.files
 
     async def score(
-        self, recording_id: str, monitor_id: str, recipe: ScoringRecipe
+        self,
+        recording_id: str,
+        monitor_id: str,
+        recipe: ScoringRecipe,
+        by_set: SetRequest | None = None,
     ) -> tuple[ScoringInfo, bool]:
         """Score a recording; return the stored scoring, and whether it is new.
 
+        by_set: each sample by the monitor in use, of which `monitor_id` is the first.
         NotFound, also if the recording is deleted meanwhile; EpsilonError; TelemetryError;
         NoSpace; Busy.
         """
         work = self.recordings.workers.run
-        return await work(self._score, recording_id, monitor_id, recipe)
+        return await work(self._score, recording_id, monitor_id, recipe, by_set)
 
     def samples(self, info: ScoringInfo) -> Samples:
         """The samples of a scoring, memory-mapped. NotFound; StoreError."""
@@ -77,20 +107,25 @@ class ScoredRecordings:
         remove(self.files.scorings(recording_id), scoring_id)
 
     def _score(
-        self, recording_id: str, monitor_id: str, recipe: ScoringRecipe
+        self,
+        recording_id: str,
+        monitor_id: str,
+        recipe: ScoringRecipe,
+        by_set: SetRequest | None,
     ) -> tuple[ScoringInfo, bool]:
         monitor, info = self.store.monitors.get(monitor_id), self.store.monitors.info(monitor_id)
         recipe = replace(recipe, epsilon=monitor.check_epsilon(recipe.epsilon))
         plain = self.store.recordings.mapped_columns(recording_id).mapping
         digest_of_file = self.store.recordings.info(recording_id).digest
-        inputs = [digest_of_file, plain, info.id, info.digest, recipe.to_plain(), __version__]
+        asked = recipe.to_plain() | ({} if by_set is None else {"monitor_set": by_set.to_plain()})
+        inputs = [digest_of_file, plain, info.id, info.digest, asked, __version__]
         request = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
         if stored := self.store.scorings.find(recording_id, request):
             self.samples(stored)
             return stored, False
         mapping = Mapping.from_plain(plain)
         recorded = self.recordings.mapped(recording_id, mapping).scorable()
-        history = self._history(recording_id, mapping)
+        history = self._history(recording_id, mapping, by_set)
         scored = score(monitor, recorded, recipe, history, digest_of_file)
         folder, scoring_id = self.files.scorings(recording_id), new_id()
         self.files.require(2 * scored.samples.nbytes)
@@ -106,7 +141,7 @@ class ScoredRecordings:
                 monitor_digest=info.digest,
                 specification=info.specification,
                 request_digest=request,
-                request=recipe.to_plain(),
+                request=asked,
                 digest=hashed.result(),
                 **scoring_fields(scored, monitor, plain),
             )
@@ -125,9 +160,27 @@ class ScoredRecordings:
         history = self._history(info.recording_id, Mapping.from_plain(info.mapping))
         return limits_over_time(history, monitors)
 
-    def _history(self, recording_id: str, mapping: Mapping) -> LimitsHistory | None:
+    def _history(
+        self, recording_id: str, mapping: Mapping, by_set: SetRequest | None = None
+    ) -> LimitsHistory | SetHistory | None:
         with self.recordings.present(recording_id):
-            return LimitsHistory.of(self.recordings.columns(recording_id), mapping)
+            columns = self.recordings.columns(recording_id)
+            if by_set is None:
+                return LimitsHistory.of(columns, mapping)
+            in_use = set_in_use(self.store, by_set.info, by_set.declared)
+            return SetHistory(in_use, conditions_in(columns, mapping))
+
+
+def set_in_use(
+    store: Store, info: MonitorSetInfo, declared: abc.Mapping[ConditionKey, float]
+) -> MonitorsInUse:
+    """A stored set with its monitors; slow, for a thread. NotFound."""
+    cases = tuple(
+        MonitorCase(case.name, case.ranges, store.monitors.get(case.monitor)) for case in info.cases
+    )
+    ids = tuple(case.monitor for case in info.cases)
+    names = tuple(case.monitor_name for case in info.cases)
+    return MonitorsInUse(info.id, info.name, MonitorSet(cases), ids, names, declared)
 
 
 def scoring_fields(

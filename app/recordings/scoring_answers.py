@@ -73,6 +73,8 @@ def _answer(info: ScoringInfo, monitor: MonitorInfo, verified: bool) -> dict[str
     if info.damage:
         plain |= {key: [] for key in VERDICTS}
         verified = False
+    if (by_set := info.request.get("monitor_set")) is not None:
+        plain["monitor_name"] = f"monitor set {by_set['name']}"
     return plain | {
         "damage": info.damage,
         "recording": info.recording_id,
@@ -125,6 +127,12 @@ def reason(code: int, t: float, manoeuvre: int, manoeuvres: Sequence[Mapping[str
     return scored.get("withdrawn_reason") or in_words(validity["reasons"]) or REASONS[code]
 
 
+def _unused(info: ScoringInfo, t: float) -> str:
+    """Why no monitor of the set was in use at t [s]; empty if one was."""
+    before = [each for each in info.limits_in_force or () if each["start"] <= t]
+    return before[-1]["reason"] if before else ""
+
+
 def stored_assessment(t: float, sample: Any, reason: str, y_hat: Array | None = None) -> Assessment:
     """The assessment of a sample stored with p_value, alert and state."""
     state = STATES[sample["state"]]
@@ -140,6 +148,8 @@ def frames(info: ScoringInfo, samples: Samples, first: int) -> list[dict[str, An
     for seq, sample in enumerate(samples, first):
         t, manoeuvre, y_hat = float(sample["t"]), int(sample["manoeuvre"]), sample["y_hat"]
         why = reason(sample["state"], t, manoeuvre, info.manoeuvres)
+        if manoeuvre < 0 and "monitor_set" in info.request:
+            why = _unused(info, t) or why
         known = y_hat if np.isfinite(y_hat).all() else None
         frame = plain_frame(seq, sample["y"], stored_assessment(t, sample, why, known), None)
         withdrawn = float(sample["withdrawn"])

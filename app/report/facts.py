@@ -172,7 +172,10 @@ def limits_in_force(
     rows = []
     for interval in in_force:
         case = interval["case"] or "flight condition unknown"
-        name = f"{interval['name']} version {interval['version']}, {case}"
+        name = f"{interval['name']} version {interval.get('version')}, {case}"
+        if "monitor_name" in interval:
+            used = interval["monitor_name"] or "no monitor in use"
+            name = f"{used}, {interval['case'] or interval['reason']}"
         exceeded = [
             manoeuvre
             for manoeuvre in manoeuvres

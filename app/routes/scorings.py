@@ -10,7 +10,7 @@ from urllib.parse import quote
 
 from fastapi import APIRouter, Query, Response
 from fastapi.responses import StreamingResponse
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, model_validator
 
 from app.assessment import Interval, ScoringRecipe
 from app.assessment.comparison import Assessed, difference
@@ -19,6 +19,7 @@ from app.http.problems import problem_responses
 from app.messages import ChannelLimit, Frame
 from app.recordings.exports import EXPORTS, export
 from app.recordings.files import reporting_full_disk
+from app.recordings.scored import SetRequest
 from app.recordings.scoring_answers import answers, detected_manoeuvres, frames, tiled
 from app.report.page import report
 from app.report.subject import about, stored_subject
@@ -38,6 +39,7 @@ from app.routes.flights import FramesPart
 from app.routes.recordings import ManoeuvreInterval
 from app.store.scorings import ScoringInfo
 from app.telemetry.mapping.mapping import Mapping
+from core.conditions import ConditionKey, check_declared
 
 router = APIRouter(prefix="/api/v1/recordings/{recording_id}", tags=["recordings"])
 Seconds = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -57,7 +59,17 @@ class ScoringRequest(BaseModel):
         },
     )
 
-    monitor: str = Field(description="id")
+    monitor: str | None = Field(default=None, description="id. Give either this or `monitor_set`")
+    monitor_set: str | None = Field(
+        default=None,
+        description="id of a monitor set: each sample is assessed by the monitor of its flight "
+        "condition as in a live flight, at its own epsilon and limits",
+    )
+    condition: dict[ConditionKey, float] = Field(
+        default_factory=dict,
+        description="with a monitor set: values of the flight condition that were not recorded, in "
+        "SI units; those of the flight if absent",
+    )
     epsilon: Annotated[float, Field(gt=0, lt=1)] | None = Field(
         default=None, description="accepted miss rate; the monitor's own if absent"
     )
@@ -73,6 +85,17 @@ class ScoringRequest(BaseModel):
         default="detected",
         description="manoeuvres detected by control activity, the entire recording, or a list",
     )
+
+    @model_validator(mode="after")
+    def check_set(self) -> "ScoringRequest":
+        if (self.monitor is None) == (self.monitor_set is None):
+            given = "no monitor" if self.monitor is None else "both a monitor and a monitor_set"
+            raise ValueError(f"{given} was given: give the id of one, as monitor or monitor_set")
+        if self.monitor_set is not None and self.epsilon is not None:
+            raise ValueError("a monitor set uses each monitor at its own epsilon: leave it out")
+        if self.monitor_set is None and self.condition:
+            raise ValueError("a condition needs a monitor_set: give its id")
+        return self
 
 
 ASSESSED = ("t", "p_value", "alert", "state")
@@ -220,17 +243,33 @@ async def score_recording(recording_id: str, request: ScoringRequest, scored: Sc
         if isinstance(marked, str)
         else tuple(Interval(interval.start, interval.end, interval.name) for interval in marked)
     )
-    epsilon = await asyncio.to_thread(_epsilon, scored, request)
+    by_set = await asyncio.to_thread(_set, scored, recording_id, request)
+    monitor_id = str(by_set.info.cases[0].monitor if by_set else request.monitor)
+    epsilon = await asyncio.to_thread(_epsilon, scored, monitor_id, request.epsilon)
     recipe = ScoringRecipe(epsilon, request.trim, intervals)
-    info, made = await scored.score(recording_id, request.monitor, recipe)
+    info, made = await scored.score(recording_id, monitor_id, recipe, by_set)
     location = {"Location": f"/api/v1/recordings/{recording_id}/scorings/{info.id}"}
     answered = await asyncio.to_thread(answers, scored, [info], verified=True)
     return json_response(answered[0], 201 if made else 200, location)
 
 
-def _epsilon(scored: ScoredDep, request: ScoringRequest) -> float:
+def _epsilon(scored: ScoredDep, monitor_id: str, epsilon: float | None) -> float:
     with refused(422, "epsilon", ValueError):
-        return scored.store.monitors.get(request.monitor).check_epsilon(request.epsilon)
+        return scored.store.monitors.get(monitor_id).check_epsilon(epsilon)
+
+
+def _set(scored: ScoredDep, recording_id: str, request: ScoringRequest) -> SetRequest | None:
+    """The monitor set of a request, None for one monitor; its condition by that of the flight."""
+    if request.monitor_set is None:
+        return None
+    store, declared = scored.store, dict(request.condition)
+    with refused(422, "condition", ValueError):
+        check_declared(declared)
+    flight_id = store.recordings.info(recording_id).flight_id
+    flown = store.monitor_sets.of_flights([flight_id]).get(flight_id) if flight_id else None
+    if flown is not None:
+        declared = flown.fixed | declared
+    return SetRequest(store.monitor_sets.info(request.monitor_set), declared)
 
 
 @router.get("/scorings")

@@ -196,6 +196,11 @@ class Recorded(Source):
         if opening.scored is None:
             raise SourceError("this server keeps no recordings: choose a simulated source")
         info = store.scorings.info(self.recording, self.scoring)
+        if "monitor_set" in info.request:
+            raise SourceError(
+                "this recording was scored by a monitor set, which no replay of a scoring shows: "
+                "replay the live flight as it was shown, or score it by one monitor"
+            )
         if (info.monitor_id, info.epsilon) != (opening.monitor_id, opening.epsilon):
             raise SourceError(
                 f"this recording was scored by monitor {info.monitor_name} ({info.monitor_id}) at "
@@ -228,7 +233,8 @@ class Recorded(Source):
         flown = opening.scored.samples(info)
         for other in opening.store.scorings.of(self.recording):
             by = other.monitor_id, other.epsilon, other.mapping
-            if other.damage or by != (shown.id, shown.epsilon, info.mapping):
+            is_by_set = "monitor_set" in other.request
+            if other.damage or is_by_set or by != (shown.id, shown.epsilon, info.mapping):
                 continue
             samples = opening.scored.samples(other)
             if all(np.array_equal(samples[name], flown[name], True) for name in ("t", "y")):

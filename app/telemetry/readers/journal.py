@@ -63,8 +63,8 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
     notes.append(f"The live flight started {header.get('began')}; {ARRIVED} counts from then.")
     if isinstance(used := header.get("monitor_set"), dict):
         notes.append(
-            f"The live flight used monitor set {used.get('name')}: a scoring by one monitor takes "
-            "its flight condition as given throughout; the replay of the flight shows them in turn."
+            f"The live flight used monitor set {used.get('name')}: score it by the set; a scoring "
+            "by one monitor takes its flight condition as given throughout."
         )
     return writer.finish(
         "journal",

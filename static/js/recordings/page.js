@@ -28,15 +28,15 @@ export function showRecording(element, { id, query, api, navigate }) {
   const trained = query.get("monitor");
   let isNext = trained !== null; // or the mapping was just confirmed: scroll to the score form
   const path = `/recordings/${id}`;
-  const loads = [loadCatalog, path, `${path}/scorings`, "/monitors", "/recordings"];
+  const loads = [loadCatalog, path, `${path}/scorings`, "/monitors", "/recordings", "/monitor-sets"];
   return loadingView(element, { title: "Recording", text: "Opening the recording", loads, build });
 
-  function build({ keep, again }, catalog, recording, scorings, monitors, all) {
+  function build({ keep, again }, catalog, recording, scorings, monitors, all, sets) {
     const isReady = recording.mapping_state === "confirmed" && !recording.problem;
     const quality = createQualityStrip();
     quality.show(recording.quality);
-    const used = new Set(trained ? [trained] : scorings.map(({ monitor }) => monitor));
-    const form = isReady ? keep(createScoreForm({ api, catalog, recording, monitors, used, scored })) : null;
+    const used = new Set(trained ? [trained] : scorings.filter(({ request }) => !request.monitor_set).map(({ monitor }) => monitor));
+    const form = isReady ? keep(createScoreForm({ api, catalog, recording, monitors, sets, used, scored })) : null;
     const mapping = keep(
       createMappingSection({
         api,

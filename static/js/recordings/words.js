@@ -68,7 +68,8 @@ export function peakText({ outcome, peak_risk: risk, peak_t: t }, alertAbove, is
   return `${riskText(risk, alertAbove)}${isTimed && t !== null ? ` at ${secondsText(t)}` : ""}`;
 }
 
-export function alertRule({ epsilon, alert_above: above }) {
+export function alertRule({ epsilon, alert_above: above, request }) {
+  if (request?.monitor_set) return "each monitor alerts at its own ε";
   if (Math.abs(above - epsilon) < 1e-9) return `alerts at risk above ε = ${figure(epsilon)}`;
   return `alerts at risk above ${figure(above)}, which keeps ε = ${figure(epsilon)} with 95 % confidence`;
 }

@@ -36,7 +36,9 @@ export function eventsOf(scoring) {
   ].sort((a, b) => a.t - b.t);
 }
 
-function ofLimits({ start, name, version, case: condition, limits }) {
+function ofLimits({ start, name, version, case: condition, limits, monitor_name: monitor, reason }) {
+  if (monitor) return { t: start, text: `monitor in use: ${monitor}, ${condition}`, level: "" };
+  if (monitor === "") return { t: start, text: `no monitor in use: ${reason}`, level: "caution" };
   const set = `${name} version ${version}`;
   const text = limits === null ? `limits unknown (${set})` : `limits in force: ${condition} (${set})`;
   return { t: start, text, level: limits === null ? "caution" : "" };

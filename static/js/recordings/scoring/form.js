@@ -14,10 +14,10 @@ import { createManoeuvrePicker } from "./manoeuvre_picker.js";
 import { createMonitorChoice } from "./monitor_choice.js";
 import { TRIM_SEGMENT } from "./source.js";
 
-export function createScoreForm({ api, catalog, recording, monitors, used, scored }) {
+export function createScoreForm({ api, catalog, recording, monitors, sets = [], used, scored }) {
   const offer = h("div");
   const refresh = () => picker.refresh();
-  const choice = createMonitorChoice({ api, recording, monitors, used, catalog, changed: refresh, none: offerTraining });
+  const choice = createMonitorChoice({ api, recording, monitors, sets, used, catalog, changed: refresh, none: offerTraining });
   const picker = createManoeuvrePicker({ api, recording, monitor: () => choice.first() });
   const trim = trimChoice();
   const progress = h("p", { role: "status", class: "dim" });
@@ -46,11 +46,10 @@ export function createScoreForm({ api, catalog, recording, monitors, used, score
     const recipe = { trim: trim.read(), manoeuvres: picker.read() };
     const made = [];
     const failures = [];
-    for (const [k, { monitor, epsilon }] of requests.entries()) {
-      const words = `${monitor.name} at ε ${epsilon}`;
+    for (const [k, { words, body }] of requests.entries()) {
       progress.textContent = `Scoring ${k + 1} of ${requests.length}: ${words}`;
       try {
-        made.push(await api.post(`/recordings/${recording.id}/scorings`, { monitor: monitor.id, epsilon, ...recipe }));
+        made.push(await api.post(`/recordings/${recording.id}/scorings`, { ...body, ...recipe }));
       } catch (error) {
         failures.push(`${words}: ${reason(error)}`);
         if (error.status === 0) break;

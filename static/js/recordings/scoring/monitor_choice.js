@@ -1,7 +1,9 @@
 /**
- * Choose monitors, each with one epsilon or several. The newest monitor that fits the recording is preselected.
+ * Choose monitors, each with one epsilon or several, and monitor sets. The newest monitor that fits the recording is
+ * preselected.
  *
  * used: Set of ids that are preselected.   none(): no monitor fits.   first() -> id of the first monitor chosen | null
+ * requests() -> [{words, body}]    of scorings, without trim and manoeuvres
  */
 
 import { checkbox, textInput } from "../../forms/controls.js";
@@ -13,21 +15,23 @@ import { decimals, figure, followUnits } from "../../lib/numbers.js";
 
 const MOST_TRIED = 20; // monitors, the newest first
 
-export function createMonitorChoice({ api, recording, monitors, used, catalog, changed, none }) {
+export function createMonitorChoice({ api, recording, monitors, sets, used, catalog, changed, none }) {
   let isTouched = false;
   const failure = errorLine();
   const rows = monitors.map((monitor) => rowOf(monitor, used.has(monitor.id)));
+  const setRows = sets.map(setRowOf);
   const status = h("p.hint", { role: "status" });
-  const list = rows.length ? h("ul.monitor-choice", rows.map((row) => row.element)) : h("p.dim", "No monitor yet.");
+  const list = rows.length ? h("ul.monitor-choice", [...rows, ...setRows].map((row) => row.element)) : h("p.dim", "No monitor yet.");
   const element = h("fieldset.stack-tight", h("legend", "Monitors"), list, status, failure.element);
   const chosen = () => rows.filter(({ box }) => box.checked);
+  const chosenSets = () => setRows.filter(({ box }) => box.checked);
   const ready = chosen().length ? Promise.resolve() : preselect();
   return {
     element,
     ready,
     check,
-    requests: () => chosen().flatMap(requestsOf),
-    first: () => chosen()[0]?.monitor.id ?? null,
+    requests: () => [...chosen().flatMap(requestsOf), ...chosenSets().map(({ request }) => request)],
+    first: () => chosen()[0]?.monitor.id ?? chosenSets()[0]?.first ?? null,
     close: () => {
       isTouched = true;
     },
@@ -96,10 +100,28 @@ export function createMonitorChoice({ api, recording, monitors, used, catalog, c
     }
   }
 
+  function setRowOf({ id, name, cases }) {
+    const box = checkbox({
+      id: `choose-${id}`,
+      onchange: () => {
+        isTouched = true;
+        failure.show("");
+        changed();
+      },
+    });
+    const about = cases.map(({ name: condition, monitor_name: monitor }) => `${condition}: ${monitor}`).join("; ");
+    const element = h(
+      "li",
+      h("label.monitor-name", { for: box.id }, box, h("span", name)),
+      h("span.hint.monitor-about", `monitor set by flight condition, each at its own ε: ${about}`),
+    );
+    return { box, element, first: cases[0].monitor, request: { words: `monitor set ${name}`, body: { monitor_set: id } } };
+  }
+
   async function check() {
     await ready;
     const wrong = chosen().find((row) => wrongOf(row));
-    const isNone = chosen().length === 0;
+    const isNone = chosen().length + chosenSets().length === 0;
     const words = wrong ? `${wrong.monitor.name}: ${wrongOf(wrong)}` : isNone ? "Choose at least one monitor." : "";
     failure.show(words);
     wrong?.epsilons.setAttribute("aria-invalid", "true");
@@ -120,5 +142,8 @@ function wrongOf({ monitor, epsilons, given }) {
 }
 
 function requestsOf({ monitor, given }) {
-  return [...new Set(given())].map((text) => ({ monitor, epsilon: Number(text) }));
+  return [...new Set(given())].map((text) => {
+    const epsilon = Number(text);
+    return { words: `${monitor.name} at ε ${epsilon}`, body: { monitor: monitor.id, epsilon } };
+  });
 }

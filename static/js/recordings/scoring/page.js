@@ -147,7 +147,8 @@ export function showScoring(element, { id, query, api, navigate }) {
 /** Monitors to replay beside the scoring's: those that scored the recording at their own epsilon. */
 function displayOf({ monitor, epsilon }, monitors, scorings) {
   const scorer = monitors.find(({ id }) => id === monitor);
-  const hasScored = ({ id, epsilon: usual }) => scorings.some((other) => other.monitor === id && other.epsilon === usual);
+  const alone = scorings.filter(({ request }) => !request.monitor_set);
+  const hasScored = ({ id, epsilon: usual }) => alone.some((other) => other.monitor === id && other.epsilon === usual);
   const known = monitors.filter((other) => other.id === monitor || hasScored(other));
   const display = createDisplayChoice(scorer === undefined ? [] : known, LISTED);
   if (scorer === undefined) display.element.hidden = true;
@@ -160,6 +161,7 @@ function actions({ api, navigate }, scoring, display) {
   const base = `/api/v1/recordings/${id}/scorings/${number}`;
   const failure = errorLine();
   const replay = button("Replay", fly, { class: "button button-primary", ...needs("POST /flights") });
+  replay.hidden = Boolean(scoring.request.monitor_set); // the flight itself is replayed with its monitors in turn
   const exportOf = ([format, words]) => h("a.button", { href: `${base}/export?format=${format}`, download: true }, words);
   const exports = Object.entries(EXPORTS).map(exportOf);
   return [
@@ -189,7 +191,9 @@ function summary(scoring) {
     [...counts.values()].map(({ length: n, 0: first }) => outcomeChip(first, n)),
     outsideChip(scoring),
     sensorChip(scoring),
-    fact("Monitor ", h("a", { href: `#/monitors/${monitor}` }, name), warningMark(scoring)),
+    scoring.request.monitor_set
+      ? fact("", h("a", { href: `#/sets/${scoring.request.monitor_set.id}` }, name))
+      : fact("Monitor ", h("a", { href: `#/monitors/${monitor}` }, name), warningMark(scoring)),
     h("span", formatted(alertRule(scoring))),
     fact("warning lead time ", `${figure(lead)} s`),
     fact("channels are ", formatted(trimText(scoring))),

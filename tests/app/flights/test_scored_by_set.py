@@ -1,0 +1,164 @@
+"""A recording is scored by a monitor set as the flight was shown: by the monitor in use."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.store.monitors import MonitorInfo
+from core.channels import BY_KEY, KEYS
+from core.monitor import Monitor, MonitorRecipe, train
+from core.monitor.monitor_set import MonitorCase, MonitorSet
+from core.planned_test.collection import collect
+from tests.app.flights.test_flight_recordings import DT, FLIGHTS, RECORDINGS, Range
+from tests.app.flights.test_flights import RECIPE, monitor
+from tests.app.flights.test_one_verdict import calm, with_ny
+from tests.support.api import api, problem
+from tests.support.oscillator import Array
+from tests.support.recorded import HEAD, csv_of, uploaded
+
+Y = np.concatenate([calm(), with_ny((70, 0.7))])
+N = len(Y)
+T = DT * np.arange(N)
+Sent = dict[int, float | None]
+
+
+@cache
+def fast_monitor() -> Monitor:
+    return train(collect(replace(RECIPE, seed=4)), MonitorRecipe(epsilon=0.2))
+
+
+class Sets(Range):
+    """A server with a set of two monitors."""
+
+    def __init__(self, *about: Any) -> None:
+        super().__init__(*about)
+        ids = [self.store.monitors.add(each, name).id for each, name in self.known]
+        info = self.store.monitors.info
+        cases: tuple[MonitorCase[MonitorInfo], ...] = (
+            MonitorCase("slow", {"mach": (None, 0.8)}, info(ids[0])),
+            MonitorCase("fast", {"mach": (0.8, 1.2)}, info(ids[1])),
+        )
+        self.set_id = self.store.monitor_sets.add("doublet", MonitorSet(cases), "Ann").id
+
+    @property
+    def known(self) -> list[tuple[Any, str]]:
+        return [(monitor(), "slow one"), (fast_monitor(), "fast one")]
+
+    def flown_by_set(self, y: Array, sent: Sent, trim: str) -> str:
+        body = {
+            "source": {"kind": "live", "trim": trim},
+            "monitor_set": self.set_id,
+            "name": "by set",
+        }
+        flight = self.client.post(FLIGHTS, json=body).raise_for_status().json()["id"]
+        for k, row in enumerate(y.tolist()):
+            values = {key: [value] for key, value in zip(KEYS, row, strict=True)}
+            mach = {"mach": [sent[k]]} if k in sent else {}
+            path = f"{FLIGHTS}/{flight}/samples"
+            self.client.post(path, json={"t": [float(T[k])], **values, **mach}).raise_for_status()
+        self.end(flight)
+        return flight
+
+    def scored(self, recording: str, **request: Any) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+        path = f"{RECORDINGS}/{recording}/scorings"
+        answer = self.client.post(path, json={"monitor_set": self.set_id} | request)
+        assert answer.status_code == 201, answer.text
+        scoring = answer.json()
+        path = f"{path}/{scoring['id']}/assessments"
+        return scoring, self.client.get(path, params={"last": 999}).json()["frames"]
+
+    def file_of(self, y: Array, sent: Sent) -> str:
+        mach = [[np.nan if (m := sent.get(k)) is None else m] for k in range(len(y))]
+        file = uploaded(self.client, csv_of(np.hstack([y, mach]), T[1], head=f"{HEAD},mach"))
+        signals = {key: each["signal"] for key, each in file["mapping"]["channels"].items()}
+        channels = {key: {"signal": signals[key], "unit": BY_KEY[key].unit} for key in KEYS}
+        mapping = {"channels": channels, "times": file["mapping"]["times"]}
+        path = f"{RECORDINGS}/{file['id']}/mapping"
+        self.client.put(path, json=mapping).raise_for_status()
+        return file["id"]
+
+
+@pytest.fixture(scope="module")
+def sets(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sets]:
+    root = tmp_path_factory.mktemp("data")
+    with api(root) as client:
+        yield Sets(client, root)
+
+
+WAYS: dict[str, Sent] = {
+    "with_gaps": {k: 0.6 for k in range(N) if not 50 <= k < 90}
+    | dict.fromkeys(range(150, 190), 0.9)
+    | {200: 1.3, 205: None},
+    "one_condition": dict.fromkeys(range(N), 0.6),
+    "a_change": {k: 0.6 if k < 60 else 0.9 for k in range(N)},
+}
+
+
+@pytest.mark.parametrize("trim", ["none", "detected"])
+@pytest.mark.parametrize("way", WAYS)
+def test_a_scoring_by_the_set_is_what_the_flight_showed(sets: Sets, way: str, trim: str) -> None:
+    flight = sets.flown_by_set(Y, WAYS[way], trim)
+    path = f"{FLIGHTS}/{flight}/assessments"
+    shown = sets.client.get(path, params={"last": 999}).json()["frames"]
+    recording = sets.recording_of(flight)["id"]
+    scoring, frames = sets.scored(recording)
+    assert [each["t"] for each in frames] == [each["t"] for each in shown]
+    for was, again in zip(shown, frames, strict=True):
+        assert was["p_value"] in (again["p_value"], again["withdrawn"]), was["t"]
+        if "condition" not in was["reason"] and was["cause"] == "not_applicable":
+            assert again["reason"] == was["reason"], was["t"]
+        if again["p_value"] is not None:
+            assert was["alert"] == again["alert"], was["t"]
+    assert any(each["p_value"] is not None for each in frames)
+    names = {"slow": "slow one", "fast": "fast one"}
+    for manoeuvre in scoring["manoeuvres"]:
+        assert manoeuvre["monitor"] == names[manoeuvre["name"].rsplit(", ", 1)[1]]
+    assert {each["monitor_name"] for each in scoring["limits_in_force"]} <= {*names.values(), ""}
+    assert scoring["monitor_name"] == "monitor set doublet"
+    report = f"{RECORDINGS}/{recording}/scorings/{scoring['id']}/report"
+    text = sets.client.get(report).raise_for_status().text
+    assert all(manoeuvre["monitor"] in text for manoeuvre in scoring["manoeuvres"])
+
+
+def test_a_file_with_the_condition_is_scored_by_the_set_too(sets: Sets) -> None:
+    sent = WAYS["a_change"]
+    flight = sets.flown_by_set(Y, sent, "detected")
+    _, frames = sets.scored(sets.recording_of(flight)["id"])
+    _, of_file = sets.scored(sets.file_of(Y, sent))
+    assert [each["p_value"] for each in of_file] == [each["p_value"] for each in frames]
+    assert [each["alert"] for each in of_file] == [each["alert"] for each in frames]
+
+
+def test_a_condition_that_was_not_recorded_is_declared(sets: Sets) -> None:
+    file = sets.file_of(Y, {})
+    path = f"{RECORDINGS}/{file}/scorings"
+    unknown = sets.client.post(path, json={"monitor_set": sets.set_id})
+    assert "Mach number is missing" in problem(unknown, 422)
+    scoring, frames = sets.scored(file, condition={"mach": 0.6})
+    assert {each["monitor"] for each in scoring["manoeuvres"]} == {"slow one"}
+    alone = {"monitor": scoring["monitor"], "epsilon": scoring["epsilon"]}
+    alone = sets.client.post(path, json=alone).raise_for_status().json()
+    path = f"{path}/{alone['id']}/assessments"
+    by_one = sets.client.get(path, params={"last": 999}).json()["frames"]
+    assert [each["p_value"] for each in by_one] == [each["p_value"] for each in frames]
+
+
+@pytest.mark.parametrize(
+    ("request_", "text"),
+    [
+        ({}, "no monitor"),
+        ({"monitor": "x", "monitor_set": "y"}, "both a monitor and a monitor_set"),
+        ({"monitor_set": "y", "epsilon": 0.1}, "own epsilon"),
+        ({"monitor": "x", "condition": {"mach": 0.6}}, "needs a monitor_set"),
+    ],
+)
+def test_a_scoring_is_by_one_monitor_or_by_one_set(
+    sets: Sets, request_: dict[str, Any], text: str
+) -> None:
+    answer = sets.client.post(f"{RECORDINGS}/x/scorings", json=request_)
+    assert answer.status_code == 422
+    assert text in answer.text
