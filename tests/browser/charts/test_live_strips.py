@@ -302,8 +302,8 @@ def test_a_latched_exceedance_of_either_sign_is_shown(strips: Open) -> None:
         latched = {"channel": "Ny", "t": 0.8, "value": value}
         run(page, f"h.chart.latch([{json.dumps(latched)}]); h.chart.push(h.frame(2)); h.draw(1000)")
         assert readout(page, "Ny", "badge") == "LIMIT"
-        sign = "▲" if value > 0 else "▼"
-        assert readout(page, "Ny", "latch") == f"{sign} 0.80 s, peak {value:.3f}".replace("-", "−")
+        peak = "▲ 0.80 s, peak 0.700 g" if value > 0 else "▼ 0.80 s, peak −0.700 g"
+        assert readout(page, "Ny", "latch") == peak
     run(page, "h.chart.latch([]); h.draw(1300)")
     assert not page.locator('.strip[data-key="Ny"] .readout-latch').is_visible()
 
