@@ -242,7 +242,7 @@ def alone(settings: Settings) -> Iterator[None]:
 
 
 def owner_of(settings: Settings) -> str:
-    """Address of the owner; empty if nobody owns the database, or not for others.
+    """Address of the owner; empty if no server owns the database, or it is not shared.
 
     SettingsError if this server would admit other people than the owner.
     """
@@ -278,7 +278,7 @@ async def until_owner(
     """Relay connections to the owner of the database until it has ended; what this one holds then.
 
     stands_by: called when there is an owner.
-    SettingsError if the owner shares with nobody, or admits other people.
+    SettingsError if the owner does not share, or admits other people.
     """
     owner, last, held, unknown_s = "", "", ExitStack(), 0.0
     relaying = asyncio.create_task(Relay(listening, lambda: owner).run())

@@ -86,7 +86,7 @@ class Relay:
                 try:
                     await self._relay_one()
                     silent_since = inf
-                except OSError:  # nobody answers there
+                except OSError:  # no server answers there
                     silent_since = min(silent_since, loop.time())
                     if loop.time() - silent_since > HELD_S:
                         self._refuse_one()

@@ -50,7 +50,7 @@ KINDS: dict[str, str] = {
     "rolling_pull_out": "rolling pull-out",
     "steady_heading_sideslip": "steady-heading sideslip",
     "table": "your own table of commands",
-    "open_loop": "nobody in the loop: the planned commands",
+    "open_loop": "none: the planned commands are flown",
     "crossover": "in the loop, McRuer's crossover model",
     "linear": "linear, by least squares",
     "identity": "none, the observation itself",

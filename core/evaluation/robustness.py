@@ -87,9 +87,9 @@ def _less_perfect(recipe: DatasetRecipe) -> DatasetRecipe:
 
 
 def _another_pilot(test: Piloted, gain: float = 1.0, delay_s: float = 0.0) -> Piloted:
-    """The test with another pilot in the loop, who keeps bank where nobody was in it.
+    """The test with another pilot in the loop, who keeps bank where none was in it.
 
-    ValueError where nobody can be.
+    ValueError where none can be.
     """
     pilot = test.pilot if isinstance(test.pilot, Crossover) else Crossover()
     crossover = gain * pilot.crossover_rad_s

@@ -42,7 +42,7 @@ MOST_SWINGS = 4
 
 
 class Pilots(NamedTuple):
-    """Pilots who each track n_axes axes; n_axes = 0: nobody is in the loop.
+    """Pilots who each track n_axes axes; n_axes = 0: no pilot is in the loop.
 
     axes: (n_axes, PER_AXIS) column of the command; number of the output seen; [s] of integration
     where that is a rate, else 0; 1 if the command is the axis's target [rad], 0 if the axis is kept

@@ -199,7 +199,7 @@ class JsbsimTest(SixDofTest):
     """The planned test of an aircraft of JSBSim and how much of it to simulate.
 
     Its own flight controls move the surfaces: commands in degrees are shares of a full stick.
-    Nobody is in the loop. The default is a pitch doublet of a Cessna 172; gusts act on angle of
+    No pilot is in the loop. The default is a pitch doublet of a Cessna 172; gusts act on angle of
     attack and sideslip alike.
     """
 
@@ -230,7 +230,7 @@ class JsbsimTest(SixDofTest):
     def __post_init__(self) -> None:
         if self.maneuver.captured or self.pilot != OpenLoop():
             raise ValueError(
-                "nobody can be in the loop of an aircraft of JSBSim: choose the pilot open_loop, "
+                "no pilot can be in the loop of an aircraft of JSBSim: choose the pilot open_loop, "
                 "and a manoeuvre that captures no target"
             )
         if self.margins.label:

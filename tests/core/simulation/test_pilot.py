@@ -387,7 +387,7 @@ def test_what_knows_planned_inputs_alone_refuses_a_pilot_in_the_loop():
     test = replace(RECIPE, pilot=Crossover())
     with pytest.raises(CardError, match="pilot"):
         card_of(test)
-    with pytest.raises(ValueError, match="nobody in the loop"):
+    with pytest.raises(ValueError, match="no pilot in the loop"):
         Ceiling(test)
     with pytest.raises(ClearanceError, match="open_loop"):
         BuildUp.fractions(test, [0.5])
