@@ -55,8 +55,8 @@ class Ceiling:
         ):
             raise ValueError(
                 "the information limit needs a manoeuvre of steps of a linear aircraft, limits, "
-                "no pilot in the loop, and no imperfections besides noise and scatter: leave it out, "
-                "or those"
+                "no pilot in the loop, and no imperfections besides noise and scatter: leave it "
+                "out, or those"
             )
         self._test, self._maneuver, self._limits = test, maneuver, limits
         self._simulator = test.simulator()
