@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from typing import Any, NamedTuple
 
+import numpy as np
 from pydantic import BaseModel
 
 from app.assessment.coverage import why_exceedance_unknown
@@ -31,7 +32,8 @@ from app.store.monitors import MonitorInfo
 from app.store.store import NotFound, Store
 from core.channels import Dictionary
 from core.flight_events import Alarm
-from core.limits.exceedance import ChannelExceedances, of_alarms
+from core.limits.exceedance import ChannelExceedances, Exceedances, Exceeded, exceeded_at
+from core.limits.limits import envelope_of, specification_from_plain
 from core.monitor import State
 from core.monitor.assessment import STATES, Cause
 from core.monitor.status import Facts, Headline, Level, cause_of, headline
@@ -124,7 +126,7 @@ def summary_of(store: Store, info: FlightInfo) -> Summary:
         verdict=_verdict(store, info, monitor, alarms)
         if exceeded
         else _doubt(store, info, used, alarms),
-        exceedances=_exceedances(info, alarms),
+        exceedances=_exceedances(store, info, monitor, alarms),
         is_assessed=STATES[state] is State.OK or store.flights.is_assessed(info.id),
     )
 
@@ -151,15 +153,33 @@ def _record(summary: Summary, n_open: Counter[Level]) -> Record:
     )
 
 
-def _exceedances(info: FlightInfo, alarms: Sequence[Alarm]) -> list[ChannelExceedances]:
-    """As noted in flight; for a flight that was cut short, from its alarms."""
+def _exceedances(
+    store: Store, info: FlightInfo, monitor: MonitorInfo, alarms: Sequence[Alarm]
+) -> list[ChannelExceedances]:
+    """As noted in flight; for a flight that was cut short, from its samples and alarms.
+
+    From its alarms alone if other limits than the monitor's were in force.
+    """
     if info.exceedances is not None:
         return [ChannelExceedances(**plain) for plain in info.exceedances]
-    return of_alarms(
-        (alarm.t, alarm.exceedance)
-        for alarm in sorted(alarms, key=lambda alarm: alarm.t)
-        if alarm.exceedance is not None
-    )
+    dictionary = Dictionary.from_stored(monitor.dictionary)
+    keys = dictionary.keys
+    limits = envelope_of(specification_from_plain(monitor.specification, dictionary))
+    rest = np.zeros(len(keys)) if limits is None else limits.rest
+    is_received = info.source.get("kind") in ("live", "journal")
+    near = (2.0 if is_received else 1.5) * monitor.dt
+    log = Exceedances(dict(zip(keys, rest.tolist(), strict=True)), near)
+    changed = store.limit_sets.of_flights([info.id]) or store.monitor_sets.of_flights([info.id])
+    t, y = store.flights.samples(info.id)
+    if len(t) and limits is not None and not changed:
+        beyond = np.flatnonzero(limits.exceeds(y))
+        for k in beyond[np.argsort(t[beyond])]:
+            if exceeded := exceeded_at(float(t[k]), keys, limits, y[k], y[k]):
+                log.add(exceeded, y[k], limits)
+    for alarm in sorted(alarms, key=lambda alarm: alarm.t):
+        if alarm.exceedance is not None:
+            log.pass_by(Exceeded(alarm.t, alarm.exceedance))
+    return log.of_channels
 
 
 def _verdict(
@@ -187,9 +207,10 @@ def _doubt(
     kind, dt = info.source.get("kind"), used[0].dt
     if kind not in ("live", "journal"):
         return None
-    t, known = store.flights.known(info.id)
+    t, y = store.flights.samples(info.id)
     if not len(t) or (kind == "journal" and is_jump(t, dt)):
         return None
+    known = np.isfinite(y)
     limited, dictionary = _limited(info, used), Dictionary.from_stored(used[0].dictionary)
     for reason in (alarm.reason or "" for alarm in alarms if alarm.kind == "frozen"):
         frozen = frozen_channels(reason, dictionary.channels)

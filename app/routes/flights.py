@@ -121,7 +121,7 @@ class FlightStatus(Decided):
     lost: int | None = Field(
         default=0,
         description="samples that could not be recorded; null if the server was killed during the "
-        f"flight: samples not yet stored, usually the last {INTERVAL_S:g} s, are missing",
+        f"flight: samples flown in the {INTERVAL_S:g} s before that may be missing",
     )
     unwritten: int | None = Field(default=None, description="samples not stored yet")
     end_reason: str = Field(

@@ -58,7 +58,7 @@ from app.store.tables import (
 from core.channels import LATERAL
 from core.conditions import ConditionKey
 from core.monitor.assessment import STATES, State, code_of
-from core.types import Array, Flags
+from core.types import Array
 
 INTERRUPTED = "interrupted"
 Progress = Literal["running", "ended", "failed", "interrupted"]
@@ -391,20 +391,20 @@ class FlightRepository(Entries[FlightInfo]):
                         return True
         return False
 
-    def known(self, flight_id: str) -> tuple[Array, Flags]:
-        """Times (n,) [s] and known values (n, n_channels) of its samples, without damaged ones."""
+    def samples(self, flight_id: str) -> tuple[Array, Array]:
+        """Times (n,) [s] and values (n, n_channels) of its samples, without damaged ones."""
         chunk = assessment_chunks.c
         query = select(assessment_chunks).where(chunk.flight_id == flight_id)
-        t, known = [], []
+        t, y = [], []
         with self._reading() as connection:
             for row in connection.execute(query.order_by(chunk.first_seq)):
                 with suppress(Damaged):
                     samples = chunk_of(row).samples
                     t.append(samples["t"].copy())
-                    known.append(np.isfinite(samples["y"]))
+                    y.append(samples["y"].copy())
         if not t:
-            return np.empty(0), np.empty((0, len(LATERAL)), bool)
-        return np.concatenate(t), np.concatenate(known)
+            return np.empty(0), np.empty((0, len(LATERAL)))
+        return np.concatenate(t), np.concatenate(y)
 
     def recover(self) -> None:
         """Mark running flights as interrupted: the process that flew them died."""

@@ -3,7 +3,7 @@
 A value equal to its limit exceeds it; a missing value does not. Limits may change in time.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite, isnan
 from operator import attrgetter
@@ -315,11 +315,3 @@ class Exceedances:
                 del self._latched[key]
             else:
                 self._latched[key].over = False
-
-
-def of_alarms(alarms: Iterable[tuple[float, MeasuredExceedance]]) -> list[ChannelExceedances]:
-    """Exceedances per channel from alarms: time [s], and values at their onset."""
-    log = Exceedances({})
-    for t, named in alarms:
-        log.pass_by(Exceeded(t, named))
-    return log.of_channels

@@ -41,7 +41,7 @@ import { createWall } from "./wall.js";
 
 const HOW = {
   ended: "was ended",
-  interrupted: "was interrupted: the server was killed, and samples that it had not stored, usually the last 2 s, are missing",
+  interrupted: "was interrupted: the server was killed. Samples flown less than 2 s before that may be missing",
   failed: "failed: see the server's log",
 };
 const MOST = 100_000; // samples of a record that are drawn

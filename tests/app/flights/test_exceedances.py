@@ -21,7 +21,7 @@ from core.limits.limits import Limits
 from tests.app.flights.test_flight_limits import Range
 from tests.app.flights.test_flight_limits import run as run_range
 from tests.support.flying import T, exact_monitor
-from tests.support.oscillator import DT
+from tests.support.oscillator import DT, N_SAMPLES
 from tests.support.stored import alarm
 
 NY, P = KEYS.index("Ny"), KEYS.index("p")
@@ -151,5 +151,28 @@ def test_of_a_flight_that_was_cut_short_its_alarms_tell(
         place.store.flights.end(flight, "interrupted", 2.0, kept_ if kept else None)
         (told,) = records(place.store, [place.store.flights.info(flight)])[flight].exceedances
         assert (told.n, told.last_t, told.worst) == ((4, 9.0, 0.9) if kept else (2, 4.0, 0.6))
+
+    run(test)
+
+
+def test_of_a_flight_that_was_cut_short_every_recorded_exceedance_counts(
+    run: Callable[..., None],
+) -> None:
+    """Two passes over an exceedance of each sign, of which the alarm names the first alone."""
+
+    async def test(place: Range) -> None:
+        own = place.add(exact_monitor(), "oscillator")
+        flight = place.store.flights.add({"kind": "simulated"}, own, 0.3)
+        y = np.zeros((N_SAMPLES, 6))
+        y[5:8, NY], y[20:24, NY] = -0.53, 0.609
+        for first in (0, N_SAMPLES):
+            none = np.zeros(N_SAMPLES)
+            place.store.flights.append(flight, first, T, y, none, none.astype(bool), none)
+        named = MeasuredExceedance("Ny", -0.53, -0.5, "both")
+        place.store.alarms.add(flight, alarm(1, 5, T[5], "limit", exceedance=named))
+        place.store.flights.recover()
+        (told,) = records(place.store, [place.store.flights.info(flight)])[flight].exceedances
+        expected = {"n": 2, "first_t": T[5], "last_t": T[20], "worst": 0.609, "worst_t": T[20]}
+        assert told == ChannelExceedances(channel="Ny", limit=0.5, **expected)
 
     run(test)
