@@ -219,6 +219,13 @@ class ManoeuvreBegun(Message):
     t: float = Field(description="time of its first sample [s]")
 
 
+class LateInterval(Message):
+    """Flight time whose samples came too late to be shown as current: the display was stale."""
+
+    start: float = Field(description="last sample in time [s]")
+    end: float | None = Field(description="next sample in time [s]; null before it")
+
+
 class ConditionSignal(Message):
     """A channel of the flight condition that a live source must send."""
 
@@ -237,6 +244,7 @@ class LiveStatus(Message):
     manoeuvre: int = Field(description="number of the current one; 0 for none")
     trim: Literal["detected", "none"]
     begun: list[ManoeuvreBegun] = Field(default_factory=list, description="newest ones, in order")
+    late: list[LateInterval] = Field(default_factory=list, description="newest ones, in order")
     resumed: int = Field(default=0, description="times that it was resumed after a crash")
     time_zero: str = Field(
         default="",

@@ -1,11 +1,15 @@
 """How late the samples of a source are, compared with its best arrival of the flight."""
 
+from collections import deque
 from math import inf
 
 import numpy as np
 
+from app.messages import LateInterval
+
 PART_S, PARTS = 60.0, 3
 """The best arrival of each part [s] counts for the drift; fewer parts give none."""
+INTERVALS_KEPT = 50
 MOST_DRIFT = 1e-4
 """Clocks differ by less. Ages that grow faster are those of late samples."""
 
@@ -15,6 +19,7 @@ class Lag:
 
     late: lag from which on samples are no longer shown as current [s].
     drift: estimated drift of the source's clock behind that of arrivals, at most MOST_DRIFT.
+    intervals: in which samples came late, the newest INTERVALS_KEPT.
     """
 
     def __init__(self, late: float) -> None:
@@ -22,6 +27,8 @@ class Lag:
         self._parts: dict[int, tuple[float, float]] = {}
         self._part = -1
         self._best, self._arrived = inf, 0.0
+        self.intervals = deque[LateInterval](maxlen=INTERVALS_KEPT)
+        self._t = 0.0
 
     @property
     def reason(self) -> str:
@@ -33,7 +40,7 @@ class Lag:
 
     def note(self, arrived: float, t: float) -> None:
         """Add a sample: arrival time and sample time, each on its own clock [s]."""
-        part, age = int(arrived / PART_S), arrived - t
+        part, age, was_late = int(arrived / PART_S), arrived - t, bool(self.reason)
         if part != self._part:
             self._part = part
             self._estimate_drift()
@@ -41,6 +48,11 @@ class Lag:
             self._parts[part] = arrived, age
         self._best, self._arrived = min(self._best, age - self.drift * arrived), arrived
         self.now = arrived - self.taken(t)
+        if self.reason and not was_late:
+            self.intervals.append(LateInterval(start=self._t, end=None))
+        elif was_late and not self.reason:
+            self.intervals[-1] = LateInterval(start=self.intervals[-1].start, end=t)
+        self._t = t
 
     def taken(self, t: float) -> float:
         """Time at which a sample of t was taken, on the clock of arrivals [s]."""

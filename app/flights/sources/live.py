@@ -210,6 +210,7 @@ class LiveFlight(Flight):
             manoeuvre=self.scorer.manoeuvre,
             trim=self._setup.trim,
             begun=list(self._begun),
+            late=list(self._lag.intervals),
             resumed=self._n_resumed,
             time_zero=self._time_zero(),
             needed=self.needed,

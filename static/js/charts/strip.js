@@ -36,6 +36,7 @@ const BANDS = {
   gap: { fill: "band", alpha: 0.22, all: true, said: true },
   thinned: { fill: "stale", alpha: 0.5, all: true, said: true },
   stale: { fill: "stale", all: true, said: true },
+  late: { fill: "stale", alpha: 0.5, all: true, said: true },
   invalid: { fill: "band", alpha: 0.5, all: true },
   unassessed: { fill: "band", alpha: 0.25, all: true },
   withdrawn: { fill: "band", alpha: 0.3, sign: "✕", least: 6 },

@@ -61,6 +61,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
   const shown = { mode: flight.mode, source, monitor: [flight.monitor_set?.name ?? flight.monitor], warnings: flight.warnings, link: "over", staleAfter: 1, playing: false, live: false, headline: null, figures: nothing };
   const alertAbove = alertLevel(flight);
   const isLive = flight.mode === "live";
+  const late = flight.live?.late ?? [];
   const isOpen = isLive && flight.progress === "interrupted" && flight.recording === null; // its source may continue it, and a person may end it
   const latched = flight.exceedances.map(({ channel, first_t: t, worst: value }) => ({ channel, t, value }));
   let channels = []; // before they are read
@@ -170,7 +171,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
       flag: { key: null, t, word: "limits", colour: "caution" },
     });
     const alarmNote = (alarm) => ({
-      event: { t: alarm.t, text: alertText(alarm, alertAbove, channels), level: LEVEL_OF[alarm.level], seen: true },
+      event: { t: alarm.t, text: alertText(alarm, alertAbove, channels) + untilText(alarm, late), level: LEVEL_OF[alarm.level], seen: true },
       flag: recordedFlag(alarm),
     });
     const notes = [alarms.map(alarmNote), put.map(limitsPut), (flight.live?.begun ?? []).map(beginningNote), markers.map(markerNote)].flat();
@@ -203,7 +204,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
     const [first, last] = [frames[0].t, frames.at(-1).t];
     panels.strips.replaceChildren();
     chart = createFlightChart(panels.strips, {
-      channels, alertAbove, lead, dt, seconds: windowOf({ duration: last - first, lead }),
+      channels, alertAbove, lead, dt, late, seconds: windowOf({ duration: last - first, lead }),
       address, panels: panels.arranged, beside: flight.monitors[1]?.name, simulated: flight.monitor_set === null ? createSimulated(api, flight.monitor) : null,
       starts: createStarts({ api, source: flight.source, live: () => flight.live, start: first }),
     });
@@ -266,6 +267,12 @@ function because(why) {
 /** When a live flight was ended. */
 function endedAt({ mode, progress, ended }) {
   return mode === "live" && progress === "ended" && ended !== null ? `, ${ended.slice(0, 19).replace("T", " ")} UTC` : "";
+}
+
+/** Until when the display was stale, of a caution; empty where that is not known. */
+function untilText({ kind, t }, late) {
+  const end = kind === "stale" && late.find(({ start, end }) => start <= t && (end === null || t <= end))?.end;
+  return end ? `, until ${secondsText(end)}` : "";
 }
 
 /** Samples used and not used of a live source; null for another flight. */

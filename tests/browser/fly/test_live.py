@@ -242,3 +242,18 @@ def test_late_samples_and_a_server_that_was_started_again_are_told(
     live.event("server restarted").wait_for()
     live.event("3 samples shown, not stored").wait_for()
     expect(live.figure("resumed")).to_have_text("1")
+
+
+def test_the_record_says_when_the_display_was_stale(own_live: Live) -> None:
+    live = own_live
+    live.begin(trim="none")
+    live.send(0, 0, 40)
+    expect(live.page.locator(".alarm-text")).to_contain_text(re.compile(r"newest is [1-9]"))
+    live.send(1, 40)  # as after an outage: first a sample that is seconds late, then all others
+    live.event("stale").wait_for()
+    live.send(2, 41, 400)
+    live.end()
+    live.page.reload()
+    live.event(r"stale: .*, until \d+\.\d\d s").wait_for()
+    result = live.page.locator(".source-result")
+    expect(result).to_contain_text(re.compile(r"stale, samples late: 1\.95 s to \d+\.\d\d s"))

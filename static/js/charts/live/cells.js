@@ -9,7 +9,7 @@
  *       columns left of the edge are scanned too (for forecasts)
  *     until()    place before which no cell changes any more [units]
  *     flags    flags of each cell's samples, or-ed
- * bandsOf(cells, {x, now, width, pitch, newest, samplePx}, stale) -> [{x0, x1, kind, word}] [units], of whole columns     stale: "STALE 1.2 s", or ""
+ * bandsOf(cells, {x, now, width, pitch, newest, samplePx, late: [{start, end}]}, stale) -> [{x0, x1, kind, word}] [units], of whole columns     stale: "STALE 1.2 s", or ""
  */
 
 import { STATE_WORDS } from "../../lib/states.js";
@@ -134,7 +134,7 @@ export function createCells(ring, seriesOf) {
   return cells;
 }
 
-export function bandsOf(cells, { x, now, width, pitch, newest, samplePx }, stale) {
+export function bandsOf(cells, { x, now, width, pitch, newest, samplePx, late }, stale) {
   if (Number.isNaN(newest)) return [{ x0: 0, x1: width, kind: "stale", word: stale || "NO DATA" }];
   const end = x(newest) + samplePx;
   const edge = Math.max(end, x(now));
@@ -144,6 +144,7 @@ export function bandsOf(cells, { x, now, width, pitch, newest, samplePx }, stale
     ...named(cells.gaps(FLAG.gap), "gap", "GAP"),
     ...named(cells.gaps(FLAG.thinned), "thinned", "SKIPPED"),
     ...RUNS.flatMap(([flag, kind]) => named(cells.runs(FLAG[flag], edge), kind, STATE_WORDS[flag] ?? "ALERT")),
+    ...named(late.map(({ start, end: until }) => ({ x0: x(start) + samplePx, x1: until === null ? edge : x(until) })), "late", "STALE IN FLIGHT").filter(({ x0, x1 }) => x1 > 0 && x0 < width),
     ...named(stale ? [{ x0: end, x1: Math.max(edge, end + 2) }] : [], "stale", stale),
   ];
 }

@@ -12,6 +12,7 @@
  *     forecasts    keys whose forecast is drawn; default: the limited channels, and the margin
  *     beside       name of the first monitor for display, whose risk is drawn dashed; default: none
  *     timeline     one to share with other charts
+ *     late []      [{start, end}], where the display was stale in flight [s]
  *     autostart true                  false: nothing is drawn until update() is called
  *     address, panels, simulated, starts      see ../strip_chart.js
  *
@@ -70,7 +71,7 @@ export function isCurrent(ahead, t) {
 
 export function createFlightChart(host, options) {
   const { channels, seconds = 60, history = 180_000, address = createAddress() } = options;
-  const { alertAbove = NaN, lead = 0, dt = 0.02 } = options;
+  const { alertAbove = NaN, lead = 0, dt = 0.02, late = [] } = options;
   const timeline = options.timeline ?? createTimeline({ seconds, lead, dt });
   const strips = arrange(options);
   const forecasts = strips.map(({ forecast }) => forecast).filter((key) => key !== null);
@@ -79,7 +80,7 @@ export function createFlightChart(host, options) {
   const seriesOf = new Map(keys.map((key, series) => [key, series]));
   const ring = createRingBuffer({ series: keys.length, capacity: history });
   const intake = createIntake({ ring, channels, strips, dt });
-  const source = createSource({ strips, ring, seriesOf, intake, timeline, alertAbove, lead, dt });
+  const source = createSource({ strips, ring, seriesOf, intake, timeline, alertAbove, lead, dt, late });
   const arrangement = stripArrangement(address, strips);
   const layout = layOut(host, strips, "Strip charts", arrangement);
   const chart = createStripChart(host, { ...options, address, strips, source, layout });
@@ -182,7 +183,7 @@ function until(changes) {
 }
 
 /** The ring buffer as a source of strip_chart.js. */
-function createSource({ strips, ring, seriesOf, intake, timeline, alertAbove, lead, dt }) {
+function createSource({ strips, ring, seriesOf, intake, timeline, alertAbove, lead, dt, late }) {
   const cells = createCells(ring, seriesOf);
   const flags = [];
   let wall = performance.now();
@@ -250,7 +251,7 @@ function createSource({ strips, ring, seriesOf, intake, timeline, alertAbove, le
     const { view, step, pitch, width, x } = window;
     const before = Math.ceil(lead / (step * pitch)) + 1;
     cells.scan(window, { before, dt });
-    const where = { x, now: view.now, width, pitch, newest: newest(), samplePx: dt / step };
+    const where = { x, now: view.now, width, pitch, newest: newest(), samplePx: dt / step, late };
     const bands = bandsOf(cells, where, staleWord());
     const boxes = bands.filter(({ kind }) => kind === "invalid" || kind === "unassessed");
     const current = aheadNow();
@@ -343,8 +344,8 @@ function createSource({ strips, ring, seriesOf, intake, timeline, alertAbove, le
 
   function bar(view) {
     const behind = view.now - (view.end - lead);
-    const late = !view.live && behind > 0.05 ? `, ${behind.toFixed(1)} s behind` : "";
-    return { mode: modeOf(view), interval: `window ${intervalText(view.end - view.start)}${late}` };
+    const lag = !view.live && behind > 0.05 ? `, ${behind.toFixed(1)} s behind` : "";
+    return { mode: modeOf(view), interval: `window ${intervalText(view.end - view.start)}${lag}` };
   }
 
   /** Green only while the window follows arriving data. */

@@ -14,12 +14,14 @@
  */
 
 import { may, needs } from "../../lib/api.js";
+import { secondsText } from "../../lib/clock.js";
 import { errorLine, h, put } from "../../lib/dom.js";
 import { counted, leadSeconds } from "../../lib/numbers.js";
 import { createItems } from "../status_strip.js";
 
 const BEGIN = "POST /flights/{}/manoeuvre";
 const ACCEPT = "POST /flights/{}/sender";
+const LISTED = 3; // intervals of late samples
 const LATE = 0.25; // s of lag that is a caution
 const KINDS = [
   ["late", "late", "Samples dropped: too late"],
@@ -164,15 +166,20 @@ export function beginningNote({ number, t }) {
   return { event: { t, text: `${word} begins`, seen: true }, flag: { key: null, t, word, colour: "text", thin: true } };
 }
 
-export function lossText({ batches, counts, malformed, foreign, resumed, unread = [] }) {
+export function lossText({ batches, counts, malformed, foreign, resumed, late = [], unread = [] }) {
   const losses = KINDS.filter(([kind]) => counts[kind] > 0).map(([kind, name]) => `${name}: ${counts[kind].toLocaleString("en")}`);
   const others = [["malformed messages", malformed], ["foreign datagrams", foreign], ["restarts of the server", resumed]];
   return [
     `${counted(counts.accepted, "sample")} used, of ${counted(batches, "batch", "batches")}`,
     ...losses,
     ...others.filter(([, n]) => n > 0).map(([name, n]) => `${name}: ${n.toLocaleString("en")}`),
+    ...(late.length > 0 ? [`display stale, samples late: ${late.slice(0, LISTED).map(lateText).join(", ")}${late.length > LISTED ? ` and ${late.length - LISTED} more times` : ""}`] : []),
     ...(unread.length > 0 ? [`not read: ${unread.join(", ")}`] : []),
   ];
+}
+
+function lateText({ start, end }) {
+  return `${secondsText(start)} to ${end === null ? "the end" : secondsText(end)}`;
 }
 
 function rate(hertz) {

@@ -49,3 +49,12 @@ def test_short_flights_have_no_drift() -> None:
         lag.note(arrived, 0.99 * arrived)
     assert lag.drift == 0.0
     assert lag.now == pytest.approx(0.01 * arrivals[-1])
+
+
+def test_the_intervals_of_late_samples_are_kept_from_the_last_in_time_to_the_next() -> None:
+    lag = flown(np.where((HOUR > 100.0) & (HOUR < 120.0), 119.5 - HOUR, 0.0).clip(0.0) + 0.1)
+    (late,) = lag.intervals
+    assert late.start == pytest.approx(100.0 - 0.1)
+    assert late.end == pytest.approx(119.5 - LATE, abs=0.5)
+    lag.note(3700.0, 3600.0)
+    assert lag.intervals[-1].end is None

@@ -565,6 +565,11 @@ def test_after_a_restart_the_age_goes_on_and_late_samples_are_late(tmp_path: Pat
         assert flight.age == pytest.approx(before + 2.0)
         flight.receive(batch(40, y[40]), "rest")
         assert flight.reason.startswith("samples come ")
+        for k in range(41, 182):  # the source sends again what it could not
+            flight.receive(batch(0, y[40], sequence=k, t=k * DT), "rest")
+        (late,) = flight.live.late
+        assert late.start == T[39]
+        assert late.end == pytest.approx(9.0 - flight.lead, abs=2 * DT)
         await flight.stop("enough")
 
     flown(fly, tmp_path)
