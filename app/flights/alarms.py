@@ -9,6 +9,7 @@ sample still has their cause. The next onset raises a new alarm, unless
 - the latest alarm of its kind is unacknowledged and ended less than REJOIN_S ago: a flicker is one
   alarm, or
 - it is flown again after a restart: an onset of a source is one alarm, acknowledged once.
+While a monitor stays withdrawn, channels that go missing are an onset of their own.
 """
 
 from collections.abc import Collection, Sequence
@@ -27,6 +28,8 @@ from core.monitor.assessment import Cause
 from core.monitor.status import ALARM_LEVELS, AlarmKind, Level
 
 REJOIN_S = 1.0
+MISSING = "is missing", "are missing"
+"""Ends of a reason that names missing channels."""
 ALARMING = frozenset({State.INVALID, State.STALE})
 """States that may raise a caution; no other state is an alarm by itself."""
 CLOSED_KEPT = 50
@@ -61,6 +64,11 @@ class Onsets:
         self._has_restarted = True
         if ends:
             self.is_active, self._last_t = False, None
+
+    def renew(self) -> None:
+        """Take a sample of a condition that goes on for an onset of its own."""
+        if self.is_active:
+            self.is_active, self._latest = False, ""
 
     def forget(self) -> None:
         """Raise an alarm at the next onset also where the condition held before."""
@@ -103,6 +111,7 @@ class Alarms:
         self._n_open = dict.fromkeys(Level, 0)
         self._onsets: dict[AlarmKind, Onsets] = {kind: Onsets() for kind in ALARM_LEVELS}
         self._may_be_active = False
+        self._missing: set[str] = set()
         self._evidence: dict[str, Alarm] = {}
         self._risks: list[Alarm] = []
 
@@ -170,6 +179,9 @@ class Alarms:
         gives_cause = exceedance is not None or assessment.alert or late or state in ALARMING
         if not gives_cause and not self._may_be_active:
             return []
+        if state is State.INVALID and reason.endswith(MISSING) and reason not in self._missing:
+            self._onsets["invalid"].renew()
+            self._missing.add(reason)
         if only is not None and ALARM_LEVELS[only] is Level.WARNING:
             self._onsets[only].is_active = False
         at, measured, doubt = (t, None, "") if exceedance is None else exceedance
@@ -196,6 +208,8 @@ class Alarms:
             and (kind != "risk" or state is State.OK)
             and self._onsets[kind].begins(index, when, is_active)
         ]
+        if not (self._onsets["invalid"].is_active or self._n_open[Level.CAUTION]):
+            self._missing.clear()
         self._may_be_active = any(onsets.is_active for onsets in self._onsets.values())
         return raised
 

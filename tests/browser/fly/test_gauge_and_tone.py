@@ -102,6 +102,34 @@ def test_a_banner_of_several_alarms_says_how_many_and_when_the_first_was(strips:
     assert told.endswith("1 more alarm")
 
 
+def test_the_line_of_a_withdrawn_monitor_gives_the_cause_that_holds_now(strips: Open) -> None:
+    told = run(
+        strips(),
+        """
+        const element = document.createElement('div');
+        const tone = { start() {}, stop() {}, caution() {} };
+        const panel = h.createAlarmPanel(element, { tone });
+        const line = () => element.querySelector('.alarm-text').textContent;
+        panel.onAlarm({ number: 1, kind: 'invalid', t: 2, p_value: null, level: 'caution',
+          acknowledged: null, by: null, reason: 'outside training', cause: null });
+        const lines = [line()];
+        for (const now of [
+          { state: 'invalid', reason: 'Ny is missing' },
+          { state: 'invalid', reason: 'x', cause: 'between_manoeuvres' },
+        ]) {
+          panel.setState(now);
+          lines.push(line());
+        }
+        return lines;
+        """,
+    )
+    assert [line.split(": ")[1] for line in told] == [
+        "outside training",
+        "Ny is missing",
+        "outside training",
+    ]
+
+
 @pytest.mark.parametrize(
     ("reading", "word"),
     [

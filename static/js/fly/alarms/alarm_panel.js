@@ -8,7 +8,7 @@
  * createAlarmPanel(element, {tone, acknowledge(alarm) -> Promise of the acknowledged alarm}) -> AlarmPanel
  *   describe({epsilon, alertAbove, guarantee, lead, warnings, limits, channels})   of the flight; limits: the monitor's
  *     own, in words; empty where none is known
- *   setState({state, reason, last})    of the newest assessment; last: cause of the newest sample
+ *   setState({state, reason, cause, last})    of the newest assessment; last: cause of the newest sample
  *   onAlarm(alarm)       raised or acknowledged
  *   setStale(words)      why and by how much the newest sample is stale; empty where it is current
  *   setHeadline({status, beside, exceeded_t})   of the flight; an acknowledged condition may continue
@@ -57,7 +57,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   element.append(banner, calm, failure.element);
   const alarms = new Map();
   let flight = { epsilon: NaN, alertAbove: NaN, lead: 0, warnings: [], limits: "", channels: [] };
-  let assessment = { state: null, reason: "" };
+  let assessment = { state: null, reason: "", cause: null };
   let status = "";
   let holds = []; // statuses of the headline and beside it
   let shown = "";
@@ -83,7 +83,8 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     banner.toggleAttribute("data-acknowledged", held);
     button.hidden = held;
     const alike = open.filter(({ kind }) => kind === latest?.kind);
-    const now = `${alike.map(({ number }) => number)} of ${open.length} ${latest?.kind === "stale" ? stale : ""}`;
+    const { reason: present = "" } = presentCause(latest?.kind);
+    const now = `${alike.map(({ number }) => number)} of ${open.length} ${latest?.kind === "stale" ? stale : present.replace(/[\d.]+/g, "")}`;
     if (latest === undefined) put(text, held ? GOES_ON[status] : "");
     else if (now !== shown) text.replaceChildren(formatted(words(alike, open.length - alike.length)));
     shown = now;
@@ -113,6 +114,13 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     return flight.warnings.length ? `◆ ${flight.warnings.map(sentence).join(" ")}` : guarantee(flight);
   }
 
+  /** Reason and cause of a caution that holds now: another may have raised it. */
+  function presentCause(kind) {
+    if (kind === "stale" && stale !== "") return { reason: stale };
+    const { reason: why, cause = null } = assessment;
+    return kind === "invalid" && shownState(assessment) === "invalid" && why ? { reason: why, cause } : {};
+  }
+
   /** The first of several of a kind, as in the headline; `others`: number of further alarms. */
   function words(alike, others) {
     const first = alike.reduce((earliest, alarm) => (alarm.t < earliest.t ? alarm : earliest));
@@ -120,8 +128,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     const value = risk === null ? "" : ` ${riskText(risk, flight.alertAbove)}`;
     const at = alike.length > 1 ? `first at ${secondsText(t)}, ${alike.length} alarms` : `at ${secondsText(t)}`;
     const more = others > 0 ? `, and ${counted(others, "more alarm")}` : "";
-    const goesOn = kind === "stale" && stale !== "" ? { reason: stale } : {};
-    if (kind in CAUTION_WORDS) return `${cautionText({ ...first, ...goesOn }, ` ${at}`)}${more}`;
+    if (kind in CAUTION_WORDS) return `${cautionText({ ...first, ...presentCause(kind) }, ` ${at}`)}${more}`;
     if (kind === "limit") return `LIMIT EXCEEDED ${at}: ${[measured(exceedance), why].filter(Boolean).join(", ")}${more}`;
     const lead = leadSeconds(flight.lead);
     const above = Number.isFinite(flight.alertAbove) ? ` > ${figure(flight.alertAbove)}` : "";

@@ -256,6 +256,19 @@ def test_a_late_source_is_stale_by_the_clock_and_recovers(tmp_path: Path) -> Non
     flown(fly, tmp_path)
 
 
+def test_channels_that_go_missing_while_the_monitor_is_withdrawn_are_a_caution(
+    tmp_path: Path,
+) -> None:
+    async def fly(live: Live, y: Array) -> None:
+        missing = [*["beta"] * 3, *["Ny"] * 3, *["beta", "Ny"] * 3, "Ny"]
+        for k in range(5 + len(missing)):
+            live.push(k, y[k], **({missing[k - 5]: None} if k >= 5 else {}))
+        raised = {m["alarm"]["id"]: m["alarm"]["reason"] for m in live.seen.of("alarm")}
+        assert list(raised.values()) == ["beta is missing", "Ny is missing"]
+
+    flown(fly, tmp_path)
+
+
 def test_a_source_that_has_not_begun_is_waited_for(tmp_path: Path) -> None:
     async def fly(live: Live, y: Array) -> None:
         live.advance(0.3)
