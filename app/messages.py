@@ -331,11 +331,14 @@ class Decided(Message):
     status: Status = Field(
         description="headline, the worst of: exceeding now, alarm unacknowledged, "
         "risk above the alert level, stale, invalid, caution unacknowledged or data missing, "
-        "warming up, ended without an assessed sample, validity not calibrated, "
+        "paused or at the end of its source, warming up, ended without an assessed sample, "
+        "validity not calibrated, "
         "limit exceeded earlier, exceedance predicted for the rest of the card (`no_alert`), ok"
     )
     level: Level = Field(description="level of the headline as in 14 CFR 25.1322")
-    beside: list[Status] = Field(description="`stale` and `invalid` if true and not the headline")
+    beside: list[Status] = Field(
+        description="`stale`, `invalid` and `paused` if true and not the headline"
+    )
     exceeded_t: float | None = Field(
         default=None,
         description="time of the first exceedance [s], also after seeking back before it",

@@ -52,7 +52,7 @@ class Alarm:
             object.__setattr__(self, "cause", cause_of(State.INVALID, self.reason or ""))
 
 
-FlightMarkerKey = Literal["abort", "knock_it_off", "event"]
+FlightMarkerKey = Literal["abort", "knock_it_off", "call_cleared", "event"]
 
 
 @dataclass(frozen=True)
@@ -72,10 +72,13 @@ FLIGHT_MARKERS: dict[FlightMarkerKey, FlightMarkerKind] = {
     for kind in (
         FlightMarkerKind("abort", "ABORT", "safety of flight", Level.WARNING, "x"),
         FlightMarkerKind("knock_it_off", "KNOCK IT OFF", "no useful data", Level.CAUTION, "q"),
+        FlightMarkerKind("call_cleared", "CALL CLEARED", "no call is in force", Level.NONE, "u"),
         FlightMarkerKind("event", "EVENT", "in words", Level.NONE, "e", asks_text=True),
     )
 }
-"""ABORT is for the safety of flight, KNOCK IT OFF for no useful data, EVENT for anything else."""
+"""ABORT is for the safety of flight, KNOCK IT OFF for no useful data, EVENT for anything else.
+
+A call is the headline of the page until CALL CLEARED or the next manoeuvre."""
 
 
 def _title_kind(schema: dict[str, Any]) -> None:

@@ -279,6 +279,7 @@ class Flight(ABC):
             alert=assessment is not None and bool(assessment.alert) and not self.is_over,
             stale=self.state is State.STALE,
             invalid=assessment is not None and assessment.state is State.INVALID,
+            paused=self._is_paused and not self.is_over,
             warming_up=self.state is State.WARMING_UP,
             calibrated=self.is_checked,
             exceeded_t=self.exceeded_t,
@@ -580,6 +581,11 @@ class Flight(ABC):
     @property
     def _is_at_end(self) -> bool:
         """Whether that sample is the last one of the source."""
+        return False
+
+    @property
+    def _is_paused(self) -> bool:
+        """Whether no next sample is played."""
         return False
 
     def _taken(self, t: float) -> float | None:

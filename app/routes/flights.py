@@ -181,7 +181,8 @@ class MarkerRequest(BaseModel):
     model_config = strictly({"kind": "abort", "by": "test conductor"})
 
     kind: FlightMarkerKey = Field(
-        description="`abort`: safety of flight; `knock_it_off`: no useful data; `event`: `text`"
+        description="`abort`: safety of flight; `knock_it_off`: no useful data; `call_cleared`: "
+        "the call is in force no more; `event`: `text`"
     )
     by: By = LOCAL
     text: str | None = Field(default=None, min_length=1, max_length=2000)

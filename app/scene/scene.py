@@ -91,11 +91,6 @@ class Scene:
         with self._latest:
             self._shown = self._shown._replace(facts=facts)
 
-    def hold(self) -> None:
-        """The flight is paused: show PAUSED, not STALE, until the next `show`."""
-        with self._latest:
-            self._shown = self._shown._replace(paused=True)
-
     def draw(self) -> bool:
         """Update the picture. Returns whether anything was new."""
         with self._lock:
@@ -112,7 +107,7 @@ class Scene:
         with self._latest:
             shown_at, shown, stale_after_s = self._shown_at, self._shown, self._stale_after_s
         silent = self._clock() - shown_at
-        if silent <= stale_after_s or shown.paused or shown.state is State.STALE:
+        if silent <= stale_after_s or shown.facts.paused or shown.state is State.STALE:
             return shown
         reason = f"no sample for {max(silent // 1.0, stale_after_s):g} s"
         facts = shown.facts._replace(stale=True)

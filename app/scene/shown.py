@@ -60,7 +60,6 @@ class Shown(NamedTuple):
     reason: str
     facts: Facts
     cause: Cause | None = None
-    paused: bool = False
     delta_e: float | None = None
     alpha: float | None = None
     planned: KnownAngles | None = None
@@ -105,9 +104,8 @@ def caption(shown: Shown) -> Caption:
     both = "" if now.status is Status.OK else in_words(now, shown.cause)
     if shown.state is not State.OK or shown.p_value is None:
         return Caption(both, "", shown.reason or "no risk known", unknown(shown))
-    word = f"{both}{' PAUSED' * shown.paused}".strip()
     return Caption(
-        word,
+        both,
         f"RISK {as_text(shown.p_value, shown.alert_above)}",
         f"alert above {shown.alert_above:.3g}",
         unknown(shown),

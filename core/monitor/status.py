@@ -19,6 +19,7 @@ class Status(StrEnum):
     STALE = "stale"
     INVALID = "invalid"
     CAUTION = "caution"
+    PAUSED = "paused"
     WARMING_UP = "warming_up"
     NOT_ASSESSED = "not_assessed"
     NOT_CALIBRATED = "not_calibrated"
@@ -43,7 +44,8 @@ class Facts(NamedTuple):
     alert: the newest risk is above the alert threshold.   stale: no new samples arrive.
     invalid: the monitor is not applicable.   warming_up: its history is not full yet.
     calibrated: whether validity is calibrated.   caution: one is unacknowledged, samples are in
-    doubt, or data were missing in an ended flight.   unassessed: it has ended without one assessed
+    doubt, or data were missing in an ended flight.   paused: no next sample is played: it waits for
+    a person, or is at the end of its source.   unassessed: it has ended without one assessed
     sample.
     exceeded_t: first exceedance so far [s], even if the replay was moved back; None for none.
     predicted: the newest forecast of the rest of the test card exceeds a limit.
@@ -58,12 +60,15 @@ class Facts(NamedTuple):
     calibrated: bool = True
     exceeded_t: float | None = None
     caution: bool = False
+    paused: bool = False
     unassessed: bool = False
     predicted: bool = False
 
 
 class Headline(NamedTuple):
-    """The worst condition, its level, and what is shown beside it: stale and invalid.
+    """The worst condition, its level, and what is shown beside it: stale, invalid, paused.
+
+    While paused also the predicted exceedance.
 
     exceeded_t: first exceedance so far [s]; always shown.
     """
@@ -81,6 +86,7 @@ LEVELS = {
     Status.STALE: Level.CAUTION,
     Status.INVALID: Level.CAUTION,
     Status.CAUTION: Level.CAUTION,
+    Status.PAUSED: Level.ADVISORY,
     Status.WARMING_UP: Level.ADVISORY,
     Status.NOT_ASSESSED: Level.ADVISORY,
     Status.NOT_CALIBRATED: Level.ADVISORY,
@@ -135,8 +141,12 @@ ALARM_LEVELS: dict[AlarmKind, Level] = {
 
 @lru_cache(maxsize=1024)
 def headline(facts: Facts) -> Headline:
-    """The worst condition. A stale sample shows the past, so it never exceeds or alerts now."""
+    """The worst condition. A stale sample shows the past, so it never exceeds or alerts now.
+
+    An earlier exceedance comes before a pause.
+    """
     fresh = not facts.stale
+    exceeded = facts.exceeds or facts.exceeded_t is not None
     holds = {
         Status.EXCEEDING: facts.exceeds and fresh,
         Status.ALARM: facts.alarm,
@@ -144,19 +154,25 @@ def headline(facts: Facts) -> Headline:
         Status.STALE: facts.stale,
         Status.INVALID: facts.invalid,
         Status.CAUTION: facts.caution,
+        Status.PAUSED: facts.paused and not exceeded,
         Status.WARMING_UP: facts.warming_up,
         Status.NOT_ASSESSED: facts.unassessed,
         Status.NOT_CALIBRATED: not facts.calibrated,
-        Status.EXCEEDED: facts.exceeds or facts.exceeded_t is not None,
+        Status.EXCEEDED: exceeded,
         Status.NO_ALERT: facts.predicted,
         Status.OK: True,
     }
     worst = next(status for status in Status if holds[status])
-    always = (status for status in (Status.STALE, Status.INVALID) if holds[status])
+    always = {
+        Status.STALE: facts.stale,
+        Status.INVALID: facts.invalid,
+        Status.PAUSED: facts.paused,
+        Status.NO_ALERT: facts.predicted and worst is Status.PAUSED,
+    }
     level = LEVELS[worst]
     if holds[Status.EXCEEDED] and level in (Level.ADVISORY, Level.NONE):
         level = LEVELS[Status.EXCEEDED]
-    beside = tuple(status for status in always if status != worst)
+    beside = tuple(status for status in always if always[status] and status != worst)
     return Headline(worst, level, beside, facts.exceeded_t)
 
 
@@ -168,7 +184,7 @@ def in_words(summary: Headline, cause: Cause | None = None) -> str:
     words = [_word(status, summary, cause) for status in (summary.status, *summary.beside)]
     if summary.exceeded_t is not None and summary.status not in (Status.EXCEEDING, Status.EXCEEDED):
         words.append(_word(Status.EXCEEDED, summary, cause))
-    if summary.status is Status.NO_ALERT:
+    if Status.NO_ALERT in (summary.status, *summary.beside):
         words.append(PREDICTED)
     return " · ".join(words)
 

@@ -45,11 +45,11 @@ class TrackFlight(Flight):
 
     def __init__(self, plan: FlightPlan, script: Script, *about: Any, **more: Any) -> None:
         self._near = script.near
+        self._transport = Transport(script.t, script.dt)
         super().__init__(plan, *about, **more)
         self.dt, self.theta, self.duration = script.dt, script.theta, script.duration
         self.fail_t, self.is_checked = script.fail_t, script.is_checked
         self._script, self.manoeuvres = script, script.manoeuvres
-        self._transport = Transport(script.t, script.dt)
         self._flown = 0.0
         self._furthest = self._at = -1
         self.no_plan = script.no_plan
@@ -160,6 +160,10 @@ class TrackFlight(Flight):
     def _is_at_end(self) -> bool:
         return self._at == len(self._script.t) - 1
 
+    @property
+    def _is_paused(self) -> bool:
+        return self._transport.index >= 0 and not self._transport.playing
+
     def _ruled(self, k: int) -> Ruling | None:
         return self._script.ruling(k) or self._held
 
@@ -210,8 +214,8 @@ class TrackFlight(Flight):
                 self._show()
             if changed or (transport.playing, transport.slipped) != before:
                 self._broadcast(TransportChange(transport=self.transport).encode())
-                if not transport.playing:
-                    self._use_scene(lambda scene: scene.hold())
+                self._send_headline()
+                self._use_scene(lambda scene: scene.restate(self._facts))
             due = transport.next_due(now)
             self._await_stale()
             self._stop_timer("left")

@@ -6,6 +6,8 @@
  * headlineOf({status, level, beside, exceeded_t, verdict}, {stale, alarms, blank}) -> Headline
  *     stale: no samples arrive.   alarms: number of unacknowledged warnings
  *     blank: no sample is shown yet: the headline must not look calm
+ *     headline.call: in force, see ./alarms/flight_markers.js; its word comes first, the condition beside it
+ * levelOf(headline)              data-level, of the condition or the call
  * partsOf(headline, cause)       ["▲ ALARM", "STALE · EXCEEDED first at 8.76 s"], without what is empty
  * textOf(headline, cause)        "▲ ALARM · STALE · EXCEEDED first at 8.76 s"
  * resultOf(flight) -> {words, parts, level}     its verdict, else its headline; parts: as a short state and what is beside it;
@@ -16,10 +18,10 @@
 import { secondsText } from "../lib/clock.js";
 import { shownState, withdrawnWord } from "../lib/states.js";
 
-const WORST_FIRST = ["exceeding", "alarm", "risk", "stale", "invalid", "caution", "warming_up", "not_assessed", "not_calibrated", "exceeded", "no_alert", "ok"];
+const WORST_FIRST = ["exceeding", "alarm", "risk", "stale", "invalid", "caution", "paused", "warming_up", "not_assessed", "not_calibrated", "exceeded", "no_alert", "ok"];
 const NOW = ["exceeding", "risk"]; // need a current sample
 const CALM = ["none", "advisory"];
-const BESIDE = ["stale", "invalid"]; // always shown
+const BESIDE = ["stale", "invalid", "paused"]; // always shown
 
 const WORDS = {
   exceeding: "EXCEEDING",
@@ -28,6 +30,7 @@ const WORDS = {
   stale: "STALE",
   invalid: "INVALID",
   caution: "CAUTION",
+  paused: "PAUSED",
   not_assessed: "NOT ASSESSED",
   warming_up: "WARMING UP",
   not_calibrated: "NOT CALIBRATED",
@@ -76,7 +79,7 @@ function wordOf(status, cause = null) {
 
 function besideOf({ status, beside, exceeded_t: t, verdict }, cause = null) {
   const exceeded = Number.isFinite(t) && status !== "exceeding" && status !== "exceeded";
-  const words = [...beside.map((status) => wordOf(status, cause)), status === "no_alert" && "exceedance predicted", exceeded && exceededAt(t), verdict?.warning];
+  const words = [...beside.map((status) => wordOf(status, cause)), [status, ...beside].includes("no_alert") && "exceedance predicted", exceeded && exceededAt(t), verdict?.warning];
   return words.filter(Boolean).join(" · ");
 }
 
@@ -85,7 +88,13 @@ export function textOf(headline, cause = null) {
 }
 
 export function partsOf(headline, cause = null) {
-  return [MARKS[headline.level] + worstOf(headline, cause), besideOf(headline, cause)].filter(Boolean);
+  const { level, call = null } = headline;
+  const parts = [MARKS[level] + worstOf(headline, cause), besideOf(headline, cause)].filter(Boolean);
+  return call === null ? parts : [MARKS[call.level] + call.word, [call.about, ...(level === "none" ? [] : parts)].join(" · ")];
+}
+
+export function levelOf({ level, call = null }) {
+  return LEVEL_OF[call === null || level === "warning" ? level : call.level];
 }
 
 function worstOf({ status, exceeded_t: t }, cause = null) {

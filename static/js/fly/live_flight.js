@@ -21,7 +21,7 @@ import { bindMuteButton, createTone } from "./alarms/tone.js";
 import { createAssessmentDisplay } from "./assessment/assessment_display.js";
 import { createFlightLimits, limitsNote } from "./flight_limits.js";
 import { alertLevel, createSetLine, inUse, useNote, withoutLimits } from "./flight_monitors.js";
-import { isStale, LEVEL_OF, partsOf, staleText, textOf } from "./headline.js";
+import { isStale, LEVEL_OF, levelOf, partsOf, staleText, textOf } from "./headline.js";
 import { acknowledgementOf, alertText, createFlightPanels, liveZero, recordedFlag, sourceText } from "./panels.js";
 import { createFollowing } from "./playback/following.js";
 import { createReplayNotes } from "./playback/replay_notes.js";
@@ -215,6 +215,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
 
   function onMarker(marker) {
     if (markers.onMarker(marker)) note(markerNote(marker));
+    showHidden();
   }
 
   /** Of the flight that is replayed as it was shown. */
@@ -337,7 +338,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   /** Alarm line and title follow the headline. The page itself sounds the caution of stale samples. */
   function follow(headline, cause) {
     alarm.setHeadline(headline);
-    const words = headline.level === "none" ? "" : `${textOf(headline, cause)} – `;
+    const words = levelOf(headline) === "ok" ? "" : `${textOf(headline, cause)} – `;
     const title = `${words}${hello.name} – Forewarn`;
     if (document.title !== title) document.title = title;
     const alone = isStale(headline) && !isStale(decided) && playback.playing;
@@ -377,7 +378,8 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
 
   /** Gauge, link, status, title, alarm line and scene change in one update. */
   function show(wall) {
-    const headline = display?.refresh(wall) ?? null;
+    const condition = display?.refresh(wall) ?? null;
+    const headline = condition && { ...condition, call: markers.show(manoeuvres(), display.t ?? -Infinity) };
     transport.moved(display?.chart.newest ?? null);
     if (hello?.transport.seekable) following.draw(behind(wall));
     const text = `${connection.link} ${headline === null ? "" : textOf(headline, display.withdrawal)}`;
@@ -407,13 +409,15 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
 
   function showWall(headline, utc) {
     if (headline === null) return wallView.show({ words: [connection.link.toUpperCase()], level: "advisory", mode: described.mode, utc });
-    const [word, beside] = partsOf(headline, display.withdrawal);
+    const [state, beside] = partsOf(headline, display.withdrawal);
+    const [word, since] = state.split(/ (?=first at )/); // one line
     const without = withoutLimits(hello);
     const reason = isStale(headline) ? staleText(display.cause, display.timeline.age(performance.now())) : without.why === "" ? display.reason : "";
     return wallView.show({
-      words: [word, [beside, reason].filter(Boolean).join(" · ")],
-      level: LEVEL_OF[headline.level],
+      words: [word, [since, beside, reason].filter(Boolean).join(" · ")],
+      level: levelOf(headline),
       mode: hello.mode,
+      name: [hello.name, described.monitor[0]].join(" · "),
       utc,
       t: display.t,
       channels: hello.channels,

@@ -115,12 +115,13 @@ function exceedanceText({ channel, value, judged }, channels) {
 }
 
 export function sourceText(source, name) {
+  const called = name.startsWith(source.kind) ? "" : `${name}, `; // else named by its source
   if (source.kind === "simulated") {
     const outcome = source.outcome && source.outcome !== "any" ? `, ${source.outcome}` : "";
-    return `simulated, seed ${source.seed ?? 0}${outcome}`;
+    return `simulated, ${called}seed ${source.seed ?? 0}${outcome}`;
   }
   if (source.kind === "recording") return `recording, ${name}`;
   if (source.kind === "live") return name.startsWith("live") ? name : `live, ${name}`;
-  if (source.kind === "replay") return `replay, ${source.outcome} ${source.rollout}`;
+  if (source.kind === "replay") return `replay, ${called}${source.outcome} ${source.rollout}`;
   return name;
 }

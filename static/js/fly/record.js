@@ -124,7 +124,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
   }
 
   function showWall() {
-    wall.show({ words: shown.result.parts, level: shown.result.level, mode: "record", channels, latched });
+    wall.show({ words: shown.result.parts, level: shown.result.level, mode: "record", name: [flight.name, shown.monitor[0]].join(" · "), channels, latched });
   }
 
   const marked = api.get(`${path}/markers`);

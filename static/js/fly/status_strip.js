@@ -15,7 +15,7 @@
 import { h, put } from "../lib/dom.js";
 import { sentence, warningWords } from "../lib/monitors.js";
 import { counted } from "../lib/numbers.js";
-import { LEVEL_OF, partsOf } from "./headline.js";
+import { levelOf, partsOf } from "./headline.js";
 
 const RECORD = "Whether the server stores the flight; samples waiting for its disk, and samples lost";
 const ITEMS = [
@@ -54,7 +54,7 @@ export function createStatusStrip(element) {
     show("test", warningWords({ warnings: ofTest }), "caution");
     if (result) showState([result.words], result.level);
     else if (headline === null) showState(["–"], "off");
-    else showState(partsOf(briefly(headline), cause), LEVEL_OF[headline.level]);
+    else showState(partsOf(briefly(headline), cause), levelOf(headline));
     const isTimed = live && !recorded;
     show("link", ...(isTimed ? linkOf(link) : [""]));
     show("utc", isTimed ? (figures.utc?.toISOString().slice(11, 19) ?? "–") : "");

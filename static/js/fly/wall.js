@@ -8,8 +8,8 @@
  *     address: see ../lib/address.js.   tone: null where none sounds
  *   keys           {key: act}
  *   button         opens it
- *   show({words: [state, beside], level, mode, utc, t, channels, y, latched, why, widest})     drawn only while it is open
- *     mode: where the samples come from, as on the status strip.   y: of the newest sample by channel, null while none is
+ *   show({words: [state, beside], level, mode, name, utc, t, channels, y, latched, why, widest})     drawn only while it is open
+ *     mode: where the samples come from, as on the status strip.   name: of flight and monitor.   y: of the newest sample by channel, null while none is
  *     current.   latched: the exceedances that the strips show.   why, widest: see withoutLimits of flight_monitors.js
  *   close()        the view ends
  * limitRows(channels, y, latched, widest) -> [{channel, value, peak, margin}]     of the MOST limited channels nearest to
@@ -33,12 +33,13 @@ export function createWall(element, view, address, tone = null) {
   const word = h("p.wall-state");
   const source = h("strong.wall-mode");
   const sound = h("strong.wall-sound");
-  const beside = h("p.wall-beside");
+  const called = h("span.wall-flight");
+  const beside = h("span");
   const clock = h("p.wall-clock");
   const without = h("li.wall-why", { hidden: true });
   const list = h("ol.wall-limits", { "aria-label": "Channels nearest to their limits" }, without);
   const life = new AbortController();
-  element.append(word, h("p.wall-source", source, sound), clock, beside, list);
+  element.append(word, h("p.wall-source", source, sound), clock, h("p.wall-beside", beside, called), list);
   document.addEventListener("fullscreenchange", followScreen, { signal: life.signal });
   let rows = [];
   let last = null; // shown when it is opened
@@ -79,9 +80,10 @@ export function createWall(element, view, address, tone = null) {
     put(sound, state === "on" ? "" : soundWords(tone));
   }
 
-  function draw({ words: [state, also = ""], level, mode, utc = null, t = null, channels = [], y = null, latched = [], why = "", widest = null }) {
+  function draw({ words: [state, also = ""], level, mode, name = "", utc = null, t = null, channels = [], y = null, latched = [], why = "", widest = null }) {
     element.dataset.level = level;
     showMode(source, mode);
+    put(called, name);
     put(word, state);
     put(beside, also);
     put(clock, [utc && `${utc.toISOString().slice(11, 19)} UTC`, t !== null && secondsText(t)].filter(Boolean).join(" · "));

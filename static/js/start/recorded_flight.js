@@ -9,6 +9,7 @@
 import { ApiError } from "../lib/api.js";
 
 const TICK = 20; // ms
+const CALM = ["none", "advisory"];
 const BEAT = 1000; // ms between heartbeats
 
 const SIMULATED = { dataset: null, reason: "the recorded demonstration has no simulated flights", quantiles: [0, 1], band: null, forecast: null };
@@ -98,10 +99,17 @@ export function createRecordedFlight(recording, api, ended) {
     const pair = headlines.findLast((one) => one.seq <= index)?.pair;
     if (pair === undefined) return;
     const isOpen = [...alarms.values()].some(({ acknowledged }) => acknowledged === null);
-    const message = { type: "status", ...pair[isOpen ? 0 : 1] };
+    const decided = pair[isOpen ? 0 : 1];
+    const message = { type: "status", ...(transport.playing ? decided : paused(decided)) };
     const text = JSON.stringify(message);
     if (text !== headline) send(message);
     headline = text;
+  }
+
+  /** As core/monitor/status.py decides it. */
+  function paused(now) {
+    if (!CALM.includes(now.level)) return { ...now, beside: [...now.beside, "paused"] };
+    return { ...now, status: "paused", level: "advisory", beside: now.status === "no_alert" ? ["no_alert"] : [] };
   }
 
   function change(given) {
@@ -109,6 +117,7 @@ export function createRecordedFlight(recording, api, ended) {
     clock.wall = performance.now();
     Object.assign(transport, given, { position: times[Math.max(index, 0)], sample: index });
     send({ type: "transport", transport });
+    sendHeadline();
   }
 
   function seek(t) {

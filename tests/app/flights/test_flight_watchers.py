@@ -9,6 +9,7 @@ from app.flights.transport import NotPossible
 from app.messages import Frames, Hello
 from core.dataset import Dataset
 from core.monitor import Monitor, MonitorRecipe, State, train
+from core.monitor.status import Facts
 from tests.support.flying import (
     EPSILON,
     Flown,
@@ -105,8 +106,8 @@ class Stage:
     def show(self, what: tuple) -> None:
         self.shown.append(what)
 
-    def hold(self) -> None:
-        self.held += 1
+    def restate(self, facts: Facts) -> None:
+        self.held += facts.paused
 
     def wait(self, stale_after_s: float) -> None:
         self.waits.append(stale_after_s)

@@ -321,7 +321,7 @@ class Theatre:
     def show(self, *what: Any) -> None:
         pass
 
-    def hold(self) -> None:
+    def restate(self, facts: object) -> None:
         pass
 
 

@@ -235,22 +235,24 @@ def test_a_flight_is_not_ok_while_its_forecast_exceeds_a_limit(monkeypatch: pyte
     flown = flown_through(peak_trained(), flights()[0])
     flight, script = flown.flight, flown.flight._script
 
-    def seek(t: float, peak: float) -> Status:
+    def seek(t: float, peak: float) -> tuple[Status, ...]:
         monkeypatch.setattr(
             AssessedTrack, "forecast_ahead", lambda _, k: PeakAhead(float(script.t[k]), peak, 0.1)
         )
         flight.act("seek", t)
-        return flight.headline.status
+        return flight.headline.status, *flight.headline.beside
 
-    assert seek(1.0, 0.99) is Status.OK
-    assert seek(1.2, 1.0) is Status.NO_ALERT
-    assert Seen(flight.watch()).take()[0]["status"] == "no_alert"
+    assert seek(1.0, 0.99) == (Status.PAUSED,)
+    assert seek(1.2, 1.0) == (Status.PAUSED, Status.NO_ALERT)
+    assert Seen(flight.watch()).take()[0]["beside"] == ["no_alert"]
+    flight.act("play")
+    assert flight.headline.status is Status.NO_ALERT
     flight.act("step", 1)
-    assert flight.headline.status is Status.NO_ALERT  # until the next forecast
+    assert flight.headline.beside == (Status.NO_ALERT,)  # until the next forecast
     for watcher in [*flight._watchers]:
         flight.leave(watcher)
-    assert seek(2.0, 0.99) is Status.OK
-    assert seek(3.0, 1.0) is Status.NO_ALERT  # also where no one watches
+    assert seek(2.0, 0.99) == (Status.PAUSED,)
+    assert seek(3.0, 1.0) == (Status.PAUSED, Status.NO_ALERT)  # also where no one watches
     script.late = lambda k: "it came late"
     flight.act("step", 1)
     assert not flight.facts.predicted

@@ -147,7 +147,7 @@ def test_an_exceedance_that_a_seek_passes_is_an_alarm_and_the_flight_s_for_good(
     flown.flight.fail_t = 5 * DT  # of the true outputs, which nobody measures
     flown.flight.act("pause")
     flown.flight.act("seek", 15 * DT)
-    assert flown.flight.headline.level == "none"  # it has not come to it
+    assert flown.flight.headline.status == "paused"  # it has not come to it
     flown.flight.act("seek", 40 * DT)
     flown.seen.take()
     assert flown.flight.headline.status == "alarm"
@@ -170,6 +170,9 @@ def test_an_alarm_stays_the_headline_until_it_is_acknowledged() -> None:
     assert flown.flight.headline.status == "alarm"
     assert statuses(flown)[-1] == "alarm"
     flown.flight.acknowledge("1", "FTE", "now")
+    flown.seen.take()
+    assert flown.flight.headline.status == statuses(flown)[-1] == "paused"
+    flown.flight.act("play")
     flown.seen.take()
     assert flown.flight.headline.status == statuses(flown)[-1] == "not_calibrated"
 

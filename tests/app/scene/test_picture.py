@@ -138,7 +138,6 @@ class TestShow:
         scene.close()
         scene.close()
         show(scene, p_value=0.9, alert=True)
-        scene.hold()
         assert not scene.draw()
 
     def test_closing_while_others_write_does_no_harm(self, clock):
@@ -241,10 +240,10 @@ class TestWhatIsSaid:
 
     def test_a_paused_flight_says_paused_and_keeps_its_risk(self, scene, clock):
         show(scene, p_value=0.3, alert=True)
-        scene.hold()
+        scene.restate(Facts(alert=True, paused=True))
         clock.now += 1000.0
         scene.draw()
-        assert nodes(scene)._headline.text == "ALERT PAUSED RISK 0.30"
+        assert nodes(scene)._headline.text == "ALERT · PAUSED RISK 0.30"
         show(scene, t=1.05)
         scene.draw()
         assert nodes(scene)._headline.text == "RISK 0.04"
@@ -455,7 +454,6 @@ class TestThePicture:
     def test_no_label_is_wider_than_a_narrow_scene(self, scene, clock):
         facts = Facts(alarm=True, exceeded_t=8.76)
         show(scene, facts=facts)
-        scene.hold()
         scene.draw()
         assert nodes(scene)._headline.text == "ALARM · EXCEEDED first at 8.76 s"
         assert "RISK 0.04" in nodes(scene)._readout.content

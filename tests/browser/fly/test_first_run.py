@@ -91,6 +91,7 @@ def test_the_recording_is_paused_and_sought(played: Page, fresh: Site):
     wait_until(played, f"{STEPS_DONE} > 0")
     played.keyboard.press("Space")
     expect(played.get_by_role("button", name="Play")).to_be_visible()
+    expect(played.locator('.status-item[data-item="state"]')).to_contain_text("PAUSED")
     played.keyboard.press("n")
     played.keyboard.press("n")
     expect(played.locator(".transport-time")).to_have_text("1.70 / 6.00 s")

@@ -5,8 +5,9 @@ import re
 import pytest
 from playwright.sync_api import Page, Route, expect
 
-from tests.browser.fly.test_fly_page import SAFE, Fly, site, stored
+from tests.browser.fly.test_fly_page import SAFE, UNSAFE, Fly, site, stored
 from tests.browser.fly.test_live import Live
+from tests.browser.fly.test_wall import LARGER
 from tests.browser.site import Site
 
 __all__ = ["site", "stored"]
@@ -21,7 +22,7 @@ def test_a_key_and_a_button_mark_the_flight_on_every_screen_and_in_its_record(fl
     other.locator('[data-flight="open"]').wait_for()
     page.get_by_label("Speed").focus()
     page.keyboard.press("x")
-    shown = [view.locator(".marker-last") for view in (page, other)]
+    shown = [view.locator(".marker-last > span") for view in (page, other)]
     for one in shown:
         expect(one).to_have_text(ABORT)
     expect(other.locator(".mute")).to_have_attribute("data-callout", "abort")
@@ -47,6 +48,56 @@ def test_a_key_and_a_button_mark_the_flight_on_every_screen_and_in_its_record(fl
     expect(record).to_have_count(2)
     expect(record.first).to_contain_text("ABORT (safety of flight) at 0.00 s")
     expect(page.locator(".event", has_text="ABORT (safety of flight)")).to_have_count(1)
+
+
+def test_a_call_heads_desk_and_wall_until_somebody_clears_it(fly: Fly) -> None:
+    page = fly.page
+    fly.watch(SAFE, ("pause", None), ("seek", 0.0))
+    for call, word, level in (("x", "▲ ABORT", "alert"), ("q", "◆ KNOCK IT OFF", "caution")):
+        page.keyboard.press(call)
+        fly.state_says(word)
+        expect(page.locator('.status-item[data-item="state"]')).to_have_attribute(
+            "data-level", level
+        )
+        expect(page.locator(".state-beside")).to_contain_text("at 0.00 s, by local · PAUSED")
+        assert page.evaluate(LARGER, ".state-word") == []
+        page.keyboard.press("w")
+        expect(page.locator(".wall-state")).to_have_text(word)
+        expect(page.locator(".wall-beside")).to_contain_text("at 0.00 s, by local · PAUSED")
+        assert page.evaluate(LARGER, ".wall-state") == []
+        page.keyboard.press("Escape")
+        page.get_by_role("button", name="Clear [U]").click()
+        fly.state_says("PAUSED")
+        expect(page.locator(".marker-last")).to_be_hidden()
+    expect(page.locator(".event", has_text="CALL CLEARED").first).to_be_visible()
+
+
+def test_a_new_manoeuvre_takes_a_call_from_the_headline(fly: Fly) -> None:
+    fly.watch(SAFE, ("pause", None), ("seek", 0.0))
+    fly.page.keyboard.press("x")
+    fly.state_says("▲ ABORT")
+    fly.steer("seek", 3.0)  # the planned input begins before
+    fly.state_says("PAUSED")
+    fly.page.keyboard.press("x")
+    fly.state_says("▲ ABORT")
+
+
+def test_the_wall_gives_one_line_each_to_a_call_and_an_exceedance(fly: Fly) -> None:
+    page = fly.page
+    fly.watch(UNSAFE, ("pause", None), ("seek", 3.0), ("seek", 0.0))
+    for alarm in fly.ask("GET", f"/flights/{fly.flight}/alarms"):
+        fly.ask("POST", f"/flights/{fly.flight}/alarms/{alarm['id']}/acknowledge", {})
+    page.set_viewport_size({"width": 1920, "height": 1080})
+    wall = f"{page.url}?wall"
+    page.goto("about:blank")  # opened by its address, it asks for no full screen
+    page.goto(wall)
+    for _ in range(2):
+        expect(page.locator(".wall-beside")).to_contain_text("first at")
+        line = page.locator(".wall-state").evaluate("(one) => one.clientHeight / innerWidth")
+        assert line < 0.1  # one line
+        expect(page.locator(".marker-last")).to_be_hidden()
+        page.keyboard.press("x")
+        expect(page.locator(".wall-beside")).to_contain_text("by local")
 
 
 def test_an_abort_that_was_not_set_is_said_as_loudly_as_one_that_was(
@@ -75,7 +126,7 @@ def test_an_abort_that_was_not_set_is_said_as_loudly_as_one_that_was(
     page.unroute("**/markers")
     page.keyboard.press("x")
     expect(refused).to_be_hidden()
-    expect(page.locator(".marker-last")).to_have_text(ABORT)
+    expect(page.locator(".marker-last > span")).to_have_text(ABORT)
 
 
 def test_abort_is_set_while_a_question_is_open(fly: Fly) -> None:
@@ -83,7 +134,7 @@ def test_abort_is_set_while_a_question_is_open(fly: Fly) -> None:
     fly.watch(SAFE, ("pause", None), ("seek", 0.0))
     page.evaluate("document.body.appendChild(document.createElement('dialog')).showModal()")
     page.keyboard.press("x")
-    expect(page.locator(".marker-last")).to_have_text(ABORT)
+    expect(page.locator(".marker-last > span")).to_have_text(ABORT)
     page.evaluate("document.querySelector('body > dialog').remove()")
 
 

@@ -216,14 +216,14 @@ def test_an_alarm_stays_seen_and_heard_until_it_is_acknowledged(fly: Fly) -> Non
     fly.watch(UNSAFE, ("pause", None), ("next_alert", None))
     expect(fly.banner).to_contain_text("ALERT at")
     fly.state_says("ALARM")
-    expect(fly.status("state")).to_have_text("▲ ALARM")
+    expect(fly.status("state")).to_have_text("▲ ALARM · PAUSED")
     fly.steer("seek", 0.0)
     fly.number_is_shown()
     fly.state_says("ALARM")
     expect(fly.banner).to_contain_text("Acknowledge")
     fly.page.keyboard.press("k")
     expect(fly.banner).to_be_hidden()
-    fly.state_says(CALM)
+    fly.state_says("PAUSED")
     fly.event("acknowledged by local").wait_for()
     alarms = fly.ask("GET", f"/flights/{fly.flight}/alarms")
     assert [alarm["by"] for alarm in alarms] == ["local"] * len(alarms)
@@ -240,14 +240,79 @@ def test_the_tone_is_muted_by_a_key_and_says_so(fly: Fly) -> None:
     assert mute.get_attribute("data-sound") == "muted"
 
 
+def test_a_paused_flight_says_so_on_desk_wall_and_list_and_names_itself(fly: Fly) -> None:
+    fly.watch(SAFE | {"seed": 8}, ("pause", None))
+    fly.state_says("PAUSED")
+    page = fly.page
+    state = page.locator('.status-item[data-item="state"]')
+    expect(state).to_have_attribute("data-level", "advisory")
+    page.keyboard.press("w")
+    expect(page.locator(".wall-state")).to_have_text("PAUSED")
+    page.keyboard.press("Escape")
+    page.keyboard.press(" ")
+    fly.state_says(CALM)
+    monitor = fly.ask("GET", "/monitors")[0]
+    named = {"source": SAFE, "monitor": monitor["id"], "epsilon": EPSILON, "name": "card 4 b"}
+    fly.end()
+    fly.flight = fly.ask("POST", "/flights", named)["id"]
+    fly.steer("pause")
+    page.goto(f"{fly.site.http}/#/fly")
+    row = page.locator(".flight-row", has_text="card 4 b")
+    expect(row.locator(".chip").last).to_have_text("PAUSED")
+    for _ in ("flight", "record"):
+        page.goto(f"{fly.site.http}/#/fly/{fly.flight}")
+        expect(fly.status("source")).to_have_text("card 4 b, seed 7, safe")
+        page.keyboard.press("w")
+        expect(page.locator(".wall-flight")).to_have_text(f"card 4 b · {monitor['name']}")
+        page.keyboard.press("Escape")
+        fly.end()
+        page.goto(f"{fly.site.http}/#/fly")
+
+
+@pytest.mark.parametrize("size", [(1024, 768), (1440, 900), (1920, 1080)])
+def test_no_state_word_is_cut_off(fly: Fly, size: tuple[int, int]) -> None:
+    page = fly.page
+    fly.watch(SAFE, ("pause", None))
+    fly.number_is_shown()
+    page.set_viewport_size({"width": size[0], "height": size[1]})
+    beyond = page.evaluate("""async () => {
+      const { STATE_WORDS } = await import("/js/lib/states.js");
+      const readout = [...document.querySelectorAll(".strip-chart .readout")].at(-1);
+      const copy = readout.cloneNode(true); // which no sample changes
+      readout.replaceWith(copy);
+      const part = (name) => copy.querySelector(`.readout-${name}`);
+      const [word, value, unit] = ["state", "value", "unit"].map(part);
+      value.textContent = "";
+      unit.hidden = true;
+      word.hidden = false;
+      const right = (element) => element.getBoundingClientRect().right;
+      return Object.entries(STATE_WORDS).map(([state, text]) => {
+        copy.dataset.state = state;
+        word.textContent = text;
+        return [text, right(word) - right(copy)];
+      }).filter(([, over]) => over > 0);
+    }""")
+    assert beyond == []
+    beside = page.locator(".state-beside")
+    page.keyboard.press("x")
+    expect(beside).to_contain_text("PAUSED")
+    cut = "(({ scrollWidth, clientWidth }) => scrollWidth > clientWidth)"
+    assert not page.evaluate(f"{cut}(document.querySelector('.state-beside'))")
+    for item in ("source", "monitor"):
+        room = fly.status(item).evaluate(
+            "(one) => one.clientWidth / parseFloat(getComputedStyle(one).fontSize)"
+        )
+        assert room >= 4.5, item
+
+
 def test_paused_beyond_the_limit_everything_shows_that_it_exceeds(fly: Fly) -> None:
     fly.watch(UNSAFE, ("pause", None))
     fail_t = fly.ask("GET", f"/flights/{fly.flight}")["fail_t"]
     fly.steer("seek", fail_t)
     fly.state_says("EXCEEDING")
     fly.number_is_shown()
-    expect(fly.status("state")).to_have_text("▲ EXCEEDING")
-    expect(fly.page).to_have_title(re.compile("^▲ EXCEEDING – "))
+    expect(fly.status("state")).to_have_text("▲ EXCEEDING · PAUSED")
+    expect(fly.page).to_have_title(re.compile("^▲ EXCEEDING · PAUSED – "))
     expect(fly.banner).to_contain_text("LIMIT EXCEEDED at")
     expect(fly.page.locator(".mute")).to_have_attribute("data-callout", "limit")
     expect(fly.page.locator(".gauge-panel")).not_to_contain_text(
@@ -260,7 +325,7 @@ def test_paused_beyond_the_limit_everything_shows_that_it_exceeds(fly: Fly) -> N
     fly.steer("seek", 0.0)
     fly.state_says(CALM)
     earlier = f"EXCEEDED first at {fail_t:.2f} s"
-    expect(fly.status("state")).to_have_text(f"◆ {CALM} · {earlier}")
+    expect(fly.status("state")).to_have_text(f"◆ {CALM} · PAUSED · {earlier}")
     fly.page.goto(f"{fly.site.http}/#/fly")
     row = fly.page.locator(f'.under-way li:has([href="#/fly/{fly.flight}"])')
     expect(row.locator(".chip").last).to_contain_text(earlier)
@@ -327,7 +392,7 @@ def test_the_record_of_a_flight_that_exceeded_says_how_it_was_warned(fly: Fly) -
     fly.steer("seek", fail_t)
     fly.state_says("EXCEEDING")
     warning = f"Warned {fail_t - when:.2f} s before the limit"
-    expect(fly.status("state")).to_have_text(f"▲ EXCEEDING · {warning}")
+    expect(fly.status("state")).to_have_text(f"▲ EXCEEDING · PAUSED · {warning}")
     fly.ask("POST", f"/flights/{fly.flight}/end")
     said = f"LIMIT EXCEEDED, {warning.replace('W', 'w')}"
     expect(fly.page.locator(".verdict")).to_contain_text(said)
@@ -457,7 +522,7 @@ def test_an_event_takes_the_flight_back_to_it(fly: Fly) -> None:
     fly.page.keyboard.press("k")
     fly.state_says("ALERT")
     fly.page.keyboard.press("0")
-    fly.state_says(CALM)
+    fly.state_says("PAUSED")
     alert.get_by_role("button").click()
     expect(fly.page.locator(".transport-time")).to_contain_text(f"{when:.2f} /")
     fly.state_says("ALARM")
@@ -499,15 +564,15 @@ def test_a_cut_connection_is_stale_at_once_and_resumes(
     fly.state_says("STALE")
     fly.assert_no_number()
     expect(fly.status("link")).to_contain_text("LOST")
-    expect(fly.status("state")).to_have_text("◆ STALE")
-    expect(page).to_have_title(re.compile("^◆ STALE – "))
+    expect(fly.status("state")).to_have_text(f"◆ STALE{' · PAUSED' * paused}")
+    expect(page).to_have_title(re.compile("^◆ STALE"))
     expect(page.locator('[data-action="play"]')).to_be_disabled()
     expect(page.locator(".link-lost")).to_be_visible()
     expect(page.get_by_text("new alarms cannot arrive")).to_be_visible()
     expect(page.locator('.strip[data-key="risk"] .readout-state')).to_have_text("STALE")
     cut = False
     fly.connected()
-    fly.state_says(CALM)
+    fly.state_says("PAUSED" if paused else CALM)
     fly.event("reconnected").wait_for()
     expect(page.locator('.strip[data-key="risk"] .readout-state')).to_have_text("")
     expect(page.locator(".link-lost")).to_be_hidden()
@@ -537,7 +602,7 @@ def test_a_server_that_falls_silent_is_no_open_link_and_the_last_samples_stay(
     assert pixels(fly.page, "p", "trace") > 20
 
 
-@pytest.mark.parametrize(("source", "said"), [(SAFE, "NO DATA"), (UNSAFE, "▲ ALARM")])
+@pytest.mark.parametrize(("source", "said"), [(SAFE, "NO DATA"), (UNSAFE, "▲ ALARM · PAUSED")])
 def test_before_a_sample_is_shown_nothing_calm_is_said(
     own_fly: Fly, relay: Relay, source: dict[str, Any], said: str
 ) -> None:
@@ -868,7 +933,7 @@ def test_a_list_of_flights_out_of_date_is_marked(fly: Fly, allowed_errors: list[
     fly.page.goto(f"{fly.site.http}/#/fly")
     silent = fly.page.get_by_text("Display is stale: no answer")
     row = fly.page.locator(f'.under-way li:has([href="#/fly/{fly.flight}"])')
-    expect(row.locator(".chip").last).to_have_text(re.compile(CALM))
+    expect(row.locator(".chip").last).to_have_text("PAUSED")
     expect(silent).to_be_hidden()
     asked = re.compile(r"/api/v1/flights\?")
     fly.page.route(asked, lambda route: route.abort())

@@ -27,6 +27,7 @@ WORST_FIRST = (
     "stale",
     "invalid",
     "caution",
+    "paused",
     "warming_up",
     "not_assessed",
     "not_calibrated",
@@ -45,6 +46,8 @@ def true_of(facts: Facts) -> set[str]:
     said |= {"stale"} if facts.stale else set()
     said |= {"invalid"} if facts.invalid else set()
     said |= {"caution"} if facts.caution else set()
+    exceeded = facts.exceeds or facts.exceeded_t is not None
+    said |= {"paused"} if facts.paused and not exceeded else set()
     said |= {"warming_up"} if facts.warming_up else set()
     said |= {"not_assessed"} if facts.unassessed else set()
     said |= set() if facts.calibrated else {"not_calibrated"}
@@ -63,11 +66,12 @@ def test_the_headline_is_the_worst_that_is_true() -> None:
         assert headline(facts).status == next(word for word in WORST_FIRST if word in said), facts
 
 
-def test_stale_and_invalid_stand_in_the_headline_or_beside_it() -> None:
+def test_stale_invalid_and_paused_stand_in_the_headline_or_beside_it() -> None:
     for facts in EVERY:
         worst = headline(facts)
         shown = {worst.status, *worst.beside}
-        assert (Status.STALE in shown, Status.INVALID in shown) == (facts.stale, facts.invalid)
+        always = tuple(status in shown for status in (Status.STALE, Status.INVALID, Status.PAUSED))
+        assert always == (facts.stale, facts.invalid, facts.paused), facts
         assert worst.status not in worst.beside, facts
 
 
@@ -85,7 +89,7 @@ def test_a_flight_that_exceeded_is_never_calm_and_says_when() -> None:
         assert said.status is not Status.OK, facts
         assert said.level in (Level.WARNING, Level.CAUTION), facts
         when = facts.exceeded_t is not None and said.status is not Status.EXCEEDING
-        assert in_words(said).endswith("EXCEEDED first at 8.76 s") == when, facts
+        assert ("EXCEEDED first at 8.76 s" in in_words(said)) == when, facts
 
 
 def test_between_manoeuvres_nothing_is_called_invalid() -> None:
@@ -98,6 +102,14 @@ def test_nothing_looks_well_where_an_exceedance_is_predicted() -> None:
     predicted = headline(Facts(predicted=True))
     assert predicted == Headline(Status.NO_ALERT, Level.ADVISORY)
     assert in_words(predicted) == "NO ALERT · exceedance predicted"
+
+
+def test_a_paused_flight_is_never_ok_and_an_exceedance_stays_its_headline() -> None:
+    assert in_words(headline(Facts(paused=True))) == "PAUSED"
+    predicted = headline(Facts(paused=True, predicted=True))
+    assert in_words(predicted) == "PAUSED · NO ALERT · exceedance predicted"
+    exceeded = headline(Facts(paused=True, exceeded_t=T))
+    assert in_words(exceeded) == "EXCEEDED first at 8.76 s · PAUSED"
 
 
 def test_red_is_for_warnings_that_ask_for_action_now() -> None:

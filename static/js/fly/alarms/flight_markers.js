@@ -1,7 +1,8 @@
 /**
  * ABORT, KNOCK IT OFF and events in words: a button and a key each; everyone who watches sees the marker.
  *
- * Their words come from the server. A marker neither ends nor pauses the flight.
+ * Their words come from the server. A marker neither ends nor pauses the flight. A call is in force, and heads the page,
+ * until CALL CLEARED or the next manoeuvre.
  *
  * createFlightMarkers({buttons, events, last, refused, entry}, {set, now, heard, unheard}) -> FlightMarkers
  *     events: the panel with the button of an event.   refused: why a call was not set.   entry: the field of an event
@@ -9,7 +10,9 @@
  *     set({kind, text, t}) -> Promise; the marker arrives by the stream
  *     heard(marker)    a new call, from anyone.   unheard()    one was not set
  *   offer(kinds)     that may be set: {kind, word, meaning, level, shortcut}
- *   onMarker(marker) -> bool     shows the newest of the most urgent calls; returns whether it is new
+ *   onMarker(marker) -> bool     whether it is new
+ *   show(begun, t) -> the newest of the most urgent calls in force, null for none     begun: of manoeuvres [{t}]
+ *     t: of the newest sample
  *   keys             {key: act}, filled by offer;   shortcuts()   [[key, meaning, request]]
  * markerNote(marker) -> {event, flag}    for the event list and the strips
  */
@@ -22,6 +25,7 @@ import { LEVEL_OF } from "../headline.js";
 
 const SET = "POST /flights/{}/markers";
 const ANSWERED = 1000; // ms
+const CLEAR = "call_cleared";
 const STORED_LATE = 503; // shown, and not stored yet
 const LONGEST_FLAG = 28; // letters of an event on the strips
 
@@ -33,7 +37,9 @@ export function createFlightMarkers({ buttons, events, last, refused, entry }, {
   function offer(given) {
     if (kinds.length > 0) return;
     kinds = given;
-    buttons.replaceChildren(...kinds.filter(({ asks_text: asks }) => !asks).map(callButton));
+    const calls = kinds.filter(({ asks_text: asks }) => !asks);
+    buttons.replaceChildren(...calls.filter(({ kind }) => kind !== CLEAR).map(callButton));
+    last.replaceChildren(h("span"), ...calls.filter(({ kind }) => kind === CLEAR).map(callButton));
     events.prepend(...kinds.filter(({ asks_text: asks }) => asks).map(eventButton));
   }
 
@@ -77,7 +83,7 @@ export function createFlightMarkers({ buttons, events, last, refused, entry }, {
     const key = shortcut.toUpperCase();
     const title = `${word}: ${meaning}. Sets a marker; the flight continues (key ${key})`;
     const element = h("button", { type: "button", class: "button button-small marker-button", "data-level": LEVEL_OF[level], "data-marker": kind, title, ...needs(SET) },
-      word, h("span", { class: "marker-key" }, ` [${key}]`));
+      kind === CLEAR ? "Clear" : word, h("span", { class: "marker-key" }, ` [${key}]`));
     let asked = false;
     const press = async () => {
       if (asked) return;
@@ -110,31 +116,39 @@ export function createFlightMarkers({ buttons, events, last, refused, entry }, {
     const isNew = !known.has(marker.number);
     known.set(marker.number, marker);
     if (isNew && marker.level === "none") return true; // an event
-    const set = [...known.values()].filter(({ level }) => level !== "none");
-    if (set.length === 0) return isNew;
-    const shown = set.findLast(({ level }) => level === "warning") ?? set.at(-1);
-    last.hidden = false;
-    last.dataset.level = LEVEL_OF[shown.level];
-    last.title = markerText(shown);
-    put(last, `${shown.word} at ${secondsText(shown.t)}, by ${shown.by}${set.every(({ stored }) => stored) ? "" : " · not stored yet"}`);
     if (marker.kind === refused.dataset.kind) refused.hidden = true; // set after all, by anyone
     if (isNew) heard(marker);
     return isNew;
   }
 
-  return { offer, onMarker, keys, shortcuts: () => kinds.map(({ word, meaning, shortcut }) => [shortcut.toUpperCase(), `${word}: ${meaning}`, SET]) };
+  function show(begun, t) {
+    const all = [...known.values()];
+    const cleared = all.findLast(({ kind }) => kind === CLEAR)?.number ?? 0;
+    const goesOn = (call) => begun.some((manoeuvre) => manoeuvre.t > call.t && manoeuvre.t <= t);
+    const calls = all.filter((marker) => marker.level !== "none" && marker.number > cleared && !goesOn(marker));
+    const call = calls.findLast(({ level }) => level === "warning") ?? calls.at(-1) ?? null;
+    last.hidden = call === null;
+    if (call === null) return null;
+    last.dataset.level = LEVEL_OF[call.level];
+    last.title = markerText(call);
+    const about = `at ${secondsText(call.t)}, by ${call.by}${calls.every(({ stored }) => stored) ? "" : " · not stored yet"}`;
+    put(last.firstChild, `${call.word} ${about}`);
+    return { ...call, about };
+  }
+
+  return { offer, onMarker, show, keys, shortcuts: () => kinds.map(({ word, meaning, shortcut }) => [shortcut.toUpperCase(), `${word}: ${meaning}`, SET]) };
 }
 
 export function markerText({ word, meaning, t, created, by, text, level }) {
-  const what = level === "none" ? `${word}: ${text}` : `${word} (${meaning})`;
+  const what = level === "none" ? [word, text].filter(Boolean).join(": ") : `${word} (${meaning})`;
   return `${what} at ${secondsText(t)}, ${created.slice(11, 19)} UTC, by ${by}${text && level !== "none" ? `: ${text}` : ""}`;
 }
 
 /** For the event list and the strips. */
 export function markerNote(marker) {
   const { t, word, level, text } = marker;
-  const isEvent = level === "none";
-  const event = { t, text: isEvent ? `${text}, by ${marker.by}` : markerText(marker), level: isEvent ? "" : LEVEL_OF[level], seen: true };
+  const isEvent = level === "none" && text !== null;
+  const event = { t, text: isEvent ? `${text}, by ${marker.by}` : markerText(marker), level: level === "none" ? "" : LEVEL_OF[level], seen: true };
   const short = isEvent && text.length > LONGEST_FLAG ? `${text.slice(0, LONGEST_FLAG - 1).trimEnd()}…` : text;
   return { event, flag: { key: null, t, word: isEvent ? short : word, colour: { warning: "alert", none: "text" }[level] ?? "caution" } };
 }
