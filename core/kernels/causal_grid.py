@@ -334,27 +334,7 @@ def _accept(state, arrived, t, values, number):
     for c in range(values.shape[0]):
         rows[at, VALUES + c] = values[c]
     counts[STOP] += 1
-    if counts[START] < at < counts[STOP] - 1:
-        _split_interval(state, rows[at - 1, T], t, rows[at + 1, T])
     return True
-
-
-@inlined
-def _split_interval(state, before, t, after):
-    """A sample came after the next one: their interval is two."""
-    counts, steps, ordered = state.counts, state.steps[0], state.steps[1]
-    whole, part = after - before, after - t
-    for place in range(min(counts[N_STEPS], INTERVALS)):
-        if steps[place] == whole:
-            at = 0
-            while ordered[at] != whole:
-                at += 1
-            while at > 0 and ordered[at - 1] > part:
-                ordered[at] = ordered[at - 1]
-                at -= 1
-            ordered[at], steps[place] = part, part
-            _note_interval(state, t - before)
-            return
 
 
 @inlined

@@ -77,15 +77,6 @@ def test_out_of_order_within_the_delay_gives_the_bits_of_the_order() -> None:
     assert resampler.counts.missing == 0
 
 
-def test_samples_that_come_in_swapped_pairs_are_at_their_own_rate() -> None:
-    times = np.arange(80) * DT
-    pairs = times.reshape(-1, 2)
-    out, resampler = flown(pairs[:, ::-1].ravel(), np.repeat(pairs[:, 1], 2))
-    assert resampler.interval == pytest.approx(DT)
-    assert [s.reason for s in out if s.reason] == []
-    assert np.array_equal([s.y for s in out], [at(t) for t in times[times >= out[0].t][: len(out)]])
-
-
 def test_a_missing_sample_is_a_gap_after_the_delay_and_one_too_late_is_left_out() -> None:
     resampler = CausalGrid(DT, DELAY)
     for k in (0, 1, 3):
