@@ -1,4 +1,4 @@
-.PHONY: demo study studies test fuzz all-tests services lint types types-page bench command-line pictures wheelhouse clean
+.PHONY: demo study studies test fuzz services lint types types-page bench command-line pictures wheelhouse clean
 VENV := .venv
 BIN := $(VENV)/bin
 PYTHON ?= python3
@@ -30,9 +30,6 @@ test: $(READY) ## every test but the long campaign of damaged files; a file's te
 
 fuzz: $(READY) ## what repeats facts at length: ten thousand damaged files, calls of every route, a hundred and ten kills of the server, laws at every case
 	FOREWARN_CAMPAIGN=1 $(TESTING) $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "fuzz or (hypothesis and not benchmark)" $(ALSO)
-
-all-tests: $(READY) ## `test` and `fuzz` in one run, which takes less time: no law is tried twice
-	FOREWARN_CAMPAIGN=1 $(TESTING) $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --ignore tests/benchmarks -m "not benchmark and not services" $(ALSO)
 
 services: $(READY) ## the tests that need PostgreSQL (initdb on the path), Dask, mosquitto, Prometheus or Open MCT (npm); they start and stop it
 	$(TESTING) $(BIN)/python -m pytest -n 0 -m "services and not benchmark" $(ALSO)
