@@ -14,7 +14,7 @@ from app.campaigns.stored import Campaigns
 from core.channels import KEYS
 from core.clearance.clearance import ClearanceRecipe
 from core.clearance.with_monitor import WithMonitor
-from core.planned_test.planned_test import LateralSimulator
+from core.planned_test.planned_test import DatasetRecipe, LateralSimulator
 from tests.browser.fly.test_fly_page import Fly, site, stored
 from tests.browser.site import Site
 
@@ -75,7 +75,9 @@ class Campaign(Fly):
     def samples(self) -> Any:
         """(n, 6) of the next point, flown by the nominal aircraft after rest."""
         _, campaign = Campaigns(self.site.store).get(self.id)
-        simulator = LateralSimulator(campaign.test_of(campaign.next.point))
+        planned = campaign.test_of(campaign.next.point)
+        assert isinstance(planned, DatasetRecipe)
+        simulator = LateralSimulator(planned)
         theta = simulator.plant.nominal[np.newaxis]
         y = simulator.fly(theta, np.random.default_rng(1))[0].y[0]
         return np.vstack([np.zeros((60, 6)), y])

@@ -45,7 +45,9 @@ def campaign(tmp_path: Path) -> Path:
 def recorded(campaign: Path, scale: float = 1.0) -> str:
     """The next point flown by the nominal aircraft, as CSV."""
     planned = load(campaign)
-    simulator = LateralSimulator(planned.test_of(planned.next.point))
+    test = planned.test_of(planned.next.point)
+    assert isinstance(test, DatasetRecipe)
+    simulator = LateralSimulator(test)
     theta = simulator.plant.nominal[np.newaxis]
     y = simulator.fly(theta, np.random.default_rng(1), np.array([scale]))[0].y[0]
     path = campaign.with_name("flight.csv")

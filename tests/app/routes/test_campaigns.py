@@ -16,7 +16,7 @@ from app.store.campaigns import CampaignChanged
 from core.clearance import clearance as clearance_module
 from core.clearance.clearance import ClearanceRecipe
 from core.clearance.with_monitor import WithMonitor
-from core.planned_test.planned_test import LateralSimulator
+from core.planned_test.planned_test import DatasetRecipe, LateralSimulator
 from tests.support.api import api, finished, problem, store_of
 
 URL = "/api/v1/campaigns"
@@ -61,7 +61,9 @@ def planned(client: TestClient, **more: Any) -> str:
 def recording(client: TestClient, path: str, scale: float = 1.0) -> str:
     """Id of the next point's recording, flown by the nominal aircraft."""
     _, campaign = Campaigns(store_of(client)).get(path.rpartition("/")[2])
-    simulator = LateralSimulator(campaign.test_of(campaign.next.point))
+    planned = campaign.test_of(campaign.next.point)
+    assert isinstance(planned, DatasetRecipe)
+    simulator = LateralSimulator(planned)
     theta = simulator.plant.nominal[np.newaxis]
     y = simulator.fly(theta, np.random.default_rng(1), np.array([scale]))[0].y[0]
     sent = client.post(

@@ -356,6 +356,6 @@ def test_implausible_values_are_missing_and_named():
     assert Fault(10.0, 10.0, "implausible:Ny") in quality.faults
     assert {"implausible:p", "missing:p"} <= kinds(quality)
     (sentence,) = (line for line in fixed.notes if line.startswith("Ny exceeds"))
-    assert "plausible 30 g in 1 row (up to -9e+99 g, at 10 s)" in sentence
+    assert "plausible 30 g in 1 row (up to -9e99 g, at 10 s)" in sentence
     assert sentence in quality.sentences()
     assert json.dumps(asdict(quality), allow_nan=False)
