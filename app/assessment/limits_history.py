@@ -1,8 +1,8 @@
 """The limits in force while a recording was flown, from the records of its flight."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -75,19 +75,15 @@ class LimitsHistory:
 
     def timeline(self, own: Sequence[Envelope | None]) -> "InForceTimeline":
         """Limits in force over time. own: limits of each monitor, alarm authority first."""
-        starts, rulings = [-np.inf], list[Ruling | None]([None])
-        notes: tuple[str, ...] = ()
         begins = [-np.inf if v.seq == 0 else v.t + SAME_TIME for v in self.versions]
-        for version, (begin, end) in zip(self.versions, pairwise([*begins, np.inf]), strict=True):
-            rule = LimitsRule(version, own)
-            for t, condition in conditions_over(self.measured, begin, end):
-                ruling = rule.at(condition)
-                if rule.contradiction and not notes:
-                    notes = (f"At {t:.2f} s {rule.contradiction}: the declared value applies.",)
-                if ruling is not rulings[-1]:
-                    starts.append(t)
-                    rulings.append(ruling)
-        return InForceTimeline(np.array(starts), tuple(rulings), own[0], notes)
+        each = (
+            _ruled(LimitsRule(version, own), self.measured, begin, end)
+            for version, (begin, end) in zip(
+                self.versions, pairwise([*begins, np.inf]), strict=True
+            )
+        )
+        starts, rulings, notes = _changes([(-np.inf, None, "")], *each)
+        return InForceTimeline(starts, rulings, own[0], notes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,18 +95,40 @@ class SetHistory:
 
     def timeline(self) -> "InForceTimeline":
         """Which monitor of the set is in use when, and its limits."""
-        rule = MonitorsRule(self.in_use)
-        starts, rulings, notes = list[float](), list[Ruling | None](), tuple[str, ...]()
-        for t, condition in conditions_over(self.measured, -np.inf, np.inf):
-            ruling = rule.at(condition)
-            if rule.contradiction and not notes:
-                notes = (f"At {t:.2f} s {rule.contradiction}: the declared value applies.",)
-            if not rulings or ruling is not rulings[-1]:
-                starts.append(t)
-                rulings.append(ruling)
-        return InForceTimeline(
-            np.array(starts), tuple(rulings), None, notes, len(self.in_use.members[0].dictionary)
-        )
+        each = _ruled(MonitorsRule(self.in_use), self.measured, -np.inf, np.inf)
+        starts, rulings, notes = _changes(each)
+        n_channels = len(self.in_use.members[0].dictionary)
+        return InForceTimeline(starts, rulings, None, notes, n_channels)
+
+
+Ruled = tuple[float, Ruling | None, str]
+"""A time [s], the ruling from it on, and what contradicts the declared condition there."""
+
+
+def _ruled(
+    rule: LimitsRule | MonitorsRule,
+    measured: Mapping[str, ConditionSeries],
+    begin: float,
+    end: float,
+) -> Iterator[Ruled]:
+    """The ruling at `begin` [s] and at each later change of the condition before `end`."""
+    for t, condition in conditions_over(measured, begin, end):
+        ruling = rule.at(condition)
+        yield t, ruling, rule.contradiction
+
+
+def _changes(
+    *parts: Iterable[Ruled],
+) -> tuple[Array, tuple[Ruling | None, ...], tuple[str, ...]]:
+    """Start [s] and ruling of each change, and a note on the first contradiction."""
+    starts, rulings, notes = list[float](), list[Ruling | None](), tuple[str, ...]()
+    for t, ruling, contradiction in chain.from_iterable(parts):
+        if contradiction and not notes:
+            notes = (f"At {t:.2f} s {contradiction}: the declared value applies.",)
+        if not rulings or ruling is not rulings[-1]:
+            starts.append(t)
+            rulings.append(ruling)
+    return np.array(starts), tuple(rulings), notes
 
 
 def conditions_in(columns: Columns, mapping: ChannelMapping) -> dict[str, ConditionSeries]:

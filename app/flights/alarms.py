@@ -94,7 +94,7 @@ class Onsets:
         self._open.discard(alarm_id)
 
     def _joins(self, index: int, t: float) -> bool:
-        if self._has_restarted and any(self._flown[max(index, 0) : index + 1]):
+        if self._has_restarted and 0 <= index < len(self._flown) and self._flown[index]:
             return True
         last = self._last_t if self._latest in self._open else None
         return last is not None and t - last < REJOIN_S
