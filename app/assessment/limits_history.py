@@ -1,7 +1,7 @@
 """The limits in force while a recording was flown, from the records of its flight."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, pairwise
 from typing import Any, NamedTuple, Self
 
@@ -92,6 +92,12 @@ class SetHistory:
 
     in_use: MonitorsInUse
     measured: dict[str, ConditionSeries]
+
+    @classmethod
+    def of(cls, columns: Columns, mapping: ChannelMapping, in_use: MonitorsInUse) -> Self:
+        """With what the recorded flight declared, unless the set declares it itself."""
+        declared = columns.contents.flown.get("declared", {}) | dict(in_use.fixed)
+        return cls(replace(in_use, fixed=declared), conditions_in(columns, mapping))
 
     def timeline(self) -> "InForceTimeline":
         """Which monitor of the set is in use when, and its limits."""

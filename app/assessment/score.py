@@ -170,9 +170,10 @@ def _by_monitor(
             name = f"{segment.name}, {ruling.case}"
             parts.append((members[ruling.used], part._replace(name=name)))
     if not parts:
+        needed = " and ".join(in_use.monitors.needed)
         raise TelemetryError(
             f"no monitor of the set {in_use.name} is in use in a manoeuvre: "
-            f"{'; '.join(unused)[:500]} Give the flight condition"
+            f"{'; '.join(unused)[:500]} Declare {needed} as a condition, or map a signal to it"
         )
     return parts, unused
 
@@ -475,6 +476,7 @@ def _verdict(
         ),
         amplitude=amplitude(judged.inputs),
         monitor=judged.in_force[0]["monitor_name"] if flight.members else "",
+        alert_above=alert_above if flight.members else None,
     )
 
 

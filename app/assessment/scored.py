@@ -94,7 +94,8 @@ class ScoredManoeuvre:
     own_exceedance: of the monitor's own limits, where others were in force.
     amplitude: largest deflection as a share of the planned one; None where unknown.
     remarks: what limits the verdict.   guarantee: what is guaranteed, or why nothing is.
-    monitor: name of the monitor in use of a set; empty for a scoring by one monitor.
+    monitor, alert_above: name of the monitor in use of a set, and the risk above which it alerts;
+    empty and None for a scoring by one monitor.
     """
 
     name: str
@@ -120,6 +121,7 @@ class ScoredManoeuvre:
     limits_in_force: tuple[dict[str, Any], ...] = ()
     own_exceedance: RecordedExceedance | None = None
     monitor: str = ""
+    alert_above: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

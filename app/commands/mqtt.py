@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
+from app.commands.options.condition import declared_of
 from app.commands.options.option import option
-from app.commands.push import TOKEN, add_flight, declared_of, start_flight
+from app.commands.push import TOKEN, add_flight, start_flight
 from core.conditions import ConditionKey
 
 if TYPE_CHECKING:  # slow to import, and not needed for help

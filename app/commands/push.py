@@ -11,10 +11,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from app.commands.options.condition import add_condition, declared_of
 from app.commands.options.option import add_json, option
 from app.commands.output.results import print_result
-from core.conditions import CONDITION_KEYS, CONDITIONS, ConditionKey
-from core.recipe import instead_of
+from core.conditions import CONDITIONS, ConditionKey
 
 if TYPE_CHECKING:  # slow to import, and not needed for help
     from app.client import LiveClient
@@ -68,14 +68,7 @@ def add_flight(parser: argparse.ArgumentParser) -> None:
     option(into, "--monitor-set ID", "start a live flight with this monitor set")
     option(parser, "--server URL", "default: %(default)s", default="http://127.0.0.1:8000")
     option(parser, "--name NAME", "of the started flight")
-    option(
-        parser,
-        "--condition KEY=VALUE",
-        "declared flight condition of a flight on a monitor set, such as mach=0.6 or "
-        f"altitude=30000ft: {', '.join(CONDITION_KEYS)}",
-        action="append",
-        default=[],
-    )
+    add_condition(parser)
     option(parser, "--recording ID", "stored recording whose mapping the started flight uses")
 
 
@@ -89,13 +82,6 @@ def start_flight(
     about = {"name": name, "recording": options.recording}
     groups = {"monitor_set": options.monitor_set, "condition": declared}
     client.start(options.monitor, **groups, **about)
-
-
-def declared_of(options: argparse.Namespace) -> dict[ConditionKey, float]:
-    """The declared flight condition, in SI units. ValueError."""
-    if options.condition and not options.monitor_set:
-        raise ValueError("--condition is for a flight on a monitor set: give --monitor-set too")
-    return dict(map(_declared, options.condition))
 
 
 def run(options: argparse.Namespace) -> int:
@@ -191,27 +177,6 @@ def _prepared(client: LiveClient, options: argparse.Namespace) -> RecordedRows:
         rows.notes.append(f"WARNING: the flight needs {text}")
     start()
     return rows
-
-
-def _declared(text: str) -> tuple[ConditionKey, float]:
-    """Key and value in SI units of `altitude=30000ft`. ValueError."""
-    import numpy as np  # slow to import
-
-    from app.telemetry.limit_texts import VALUE
-    from app.telemetry.recording import TelemetryError
-    from app.telemetry.units import PLAIN, convert
-
-    key, _, value = text.partition("=")
-    known = next((each for each in CONDITIONS.values() if each.key == key.strip()), None)
-    match = VALUE.fullmatch(value.strip())
-    if known is None or match is None:
-        wrong = instead_of(key.strip(), CONDITIONS) if known is None else "write a number"
-        raise ValueError(f"--condition {text!r}: {wrong}, such as altitude=30000ft or mach=0.6")
-    unit = known.unit or PLAIN
-    try:
-        return known.key, float(convert(np.array([float(match[1])]), match[2] or unit, unit)[0])
-    except TelemetryError as error:
-        raise ValueError(f"--condition {text!r}: {error}") from None
 
 
 def _rate(text: str) -> float:

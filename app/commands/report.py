@@ -45,8 +45,8 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Returns 1 where no sample could be assessed."""
-    out = check_file(options.out or Path(f"{options.file.stem}-report.html"))
     request, memory = request_of(options)
+    out = check_file(options.out or Path(f"{request.file.stem}-report.html"))
     exports = tuple(dict.fromkeys(filter(None, options.export.split(","))))
     files = ReportFiles(out, exports, options.n_test, options.aircraft)
     outcome = write_reports(request, files, memory)
@@ -80,7 +80,8 @@ class ReportFiles:
 
     def check(self, request: ScoreRequest) -> None:
         """DestinationError where an output would overwrite an input."""
-        inputs = {path.resolve() for path in (request.file, *request.monitors)}
+        read = request.by_set.in_use.ids if request.by_set else request.monitors
+        inputs = {Path(path).resolve() for path in (request.file, *read)}
         for path in (path for label in labels(request) for path in self.paths(label)):
             if path.resolve() in inputs:
                 raise DestinationError(

@@ -19,8 +19,8 @@ def run(options: argparse.Namespace) -> int:
     """Returns 1 where no sample could be assessed."""
     from app.commands.output.scores import write_scores  # slow to import, not needed for help
 
-    out = check_directory(options.out or Path(f"{options.file.stem}-scored"))
     request, memory = request_of(options)
+    out = check_directory(options.out or Path(f"{request.file.stem}-scored"))
     outcome = write_scores(request, out, memory, options.png)
     print_result(options, outcome.text, outcome.plain)
     return 0 if outcome.is_assessed else 1

@@ -16,7 +16,6 @@ from app.assessment.limits_history import (
     InForceTimeline,
     LimitsHistory,
     SetHistory,
-    conditions_in,
     limits_over_time,
 )
 from app.assessment.monitors_in_use import MonitorsInUse
@@ -168,7 +167,7 @@ class ScoredRecordings:
             if by_set is None:
                 return LimitsHistory.of(columns, mapping)
             in_use = set_in_use(self.store, by_set.info, by_set.declared)
-            return SetHistory(in_use, conditions_in(columns, mapping))
+            return SetHistory.of(columns, mapping, in_use)
 
 
 def set_in_use(

@@ -243,7 +243,7 @@ async def score_recording(recording_id: str, request: ScoringRequest, scored: Sc
         if isinstance(marked, str)
         else tuple(Interval(interval.start, interval.end, interval.name) for interval in marked)
     )
-    by_set = await asyncio.to_thread(_set, scored, recording_id, request)
+    by_set = await asyncio.to_thread(_set, scored, request)
     monitor_id = str(by_set.info.cases[0].monitor if by_set else request.monitor)
     epsilon = await asyncio.to_thread(_epsilon, scored, monitor_id, request.epsilon)
     recipe = ScoringRecipe(epsilon, request.trim, intervals)
@@ -258,18 +258,13 @@ def _epsilon(scored: ScoredDep, monitor_id: str, epsilon: float | None) -> float
         return scored.store.monitors.get(monitor_id).check_epsilon(epsilon)
 
 
-def _set(scored: ScoredDep, recording_id: str, request: ScoringRequest) -> SetRequest | None:
-    """The monitor set of a request, None for one monitor; its condition by that of the flight."""
+def _set(scored: ScoredDep, request: ScoringRequest) -> SetRequest | None:
+    """The monitor set of a request, None for one monitor."""
     if request.monitor_set is None:
         return None
-    store, declared = scored.store, dict(request.condition)
     with refused(422, "condition", ValueError):
-        check_declared(declared)
-    flight_id = store.recordings.info(recording_id).flight_id
-    flown = store.monitor_sets.of_flights([flight_id]).get(flight_id) if flight_id else None
-    if flown is not None:
-        declared = flown.fixed | declared
-    return SetRequest(store.monitor_sets.info(request.monitor_set), declared)
+        check_declared(request.condition)
+    return SetRequest(scored.store.monitor_sets.info(request.monitor_set), request.condition)
 
 
 @router.get("/scorings")

@@ -119,8 +119,9 @@ class Contents:
     bad_rows: the first MOST_LISTED of n_bad_rows.   ignored: omitted content, with reasons.
     limits: limit sets that came into force during the flight, plain, see app.assessment.
     conditions: channel of the flight condition -> name of its signal.
-    flown: of a live flight, how its samples were used: delay [s], trim, when the flight ended, and
-        when manoeuvres began by hand: time of arrival [s] and rows before it.
+    flown: of a live flight, how its samples were used: delay [s], trim, when the flight ended, the
+        declared flight condition, and when manoeuvres began by hand: time of arrival [s] and rows
+        before it.
     """
 
     format: str

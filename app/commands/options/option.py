@@ -7,7 +7,9 @@ from typing import Any
 from app.settings import Settings, read_settings
 
 
-def option(parser: argparse._ActionsContainer, name: str, text: str, **settings: Any) -> None:
+def option(
+    parser: argparse._ActionsContainer, name: str, text: str, **settings: Any
+) -> argparse.Action:
     """Add an option or argument.   name: with its metavar, if any.   text: its help.
 
     An option without a metavar and settings is a flag.
@@ -17,7 +19,7 @@ def option(parser: argparse._ActionsContainer, name: str, text: str, **settings:
         settings["metavar"] = metavar
     elif name.startswith("-") and not settings:
         settings["action"] = "store_true"
-    parser.add_argument(name, help=text, **settings)
+    return parser.add_argument(name, help=text, **settings)
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:

@@ -73,7 +73,8 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
         notes=(*notes, *bad.notes(n_good)),
         limits=tuple(limits),
         conditions=conditions,
-        flown=_source(header) | {"begun": begun, "ended": ended},
+        flown=_source(header)
+        | {"begun": begun, "ended": ended, "declared": _declared_condition(header)},
     )
 
 
@@ -108,6 +109,15 @@ def _source(header: dict[str, Any]) -> dict[str, Any]:
     delay = _number(source.get("delay"))
     trim = "none" if source.get("trim") == "none" else "detected"
     return {"delay": delay if isfinite(delay) else None, "trim": trim}
+
+
+def _declared_condition(header: dict[str, Any]) -> dict[str, float]:
+    """Values of the flight condition that a flight by a monitor set declared, in SI units."""
+    used = header.get("monitor_set")
+    fixed = used.get("fixed") if isinstance(used, dict) else None
+    fixed = fixed if isinstance(fixed, dict) else {}
+    given = {key: _number(fixed.get(key)) for key in CONDITION_KEYS}
+    return {key: value for key, value in given.items() if isfinite(value)}
 
 
 def _conditions(header: dict[str, Any]) -> dict[str, str]:

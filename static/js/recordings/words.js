@@ -62,10 +62,10 @@ export function validityWords({ validity: { valid, p_value: p }, outcome }) {
 
 const isWithdrawn = ({ outcome }) => outcome === "invalid";
 
-export function peakText({ outcome, peak_risk: risk, peak_t: t }, alertAbove, isTimed = false) {
+export function peakText({ outcome, peak_risk: risk, peak_t: t, alert_above: own }, alertAbove, isTimed = false) {
   if (isWithdrawn({ outcome })) return "withdrawn";
   if (risk == null) return "–";
-  return `${riskText(risk, alertAbove)}${isTimed && t !== null ? ` at ${secondsText(t)}` : ""}`;
+  return `${riskText(risk, own ?? alertAbove)}${isTimed && t !== null ? ` at ${secondsText(t)}` : ""}`;
 }
 
 export function alertRule({ epsilon, alert_above: above, request }) {

@@ -52,7 +52,7 @@ function ofExceedance({ t, channel, value, limit = null, doubt = "" }, channels,
 }
 
 function ofManoeuvre(manoeuvre, channels, alertAbove) {
-  const { name, start, alerts, exceedance, recorded_exceedance: raw, peak_t: peak, peak_risk: risk, validity } = manoeuvre;
+  const { name, start, alerts, exceedance, recorded_exceedance: raw, peak_t: peak, peak_risk: risk, validity, alert_above: own } = manoeuvre;
   const alertText = (from, to) => (to > from ? `alert until ${secondsText(to)}` : "alert, one sample");
   const withdrawn = withdrawnAt(manoeuvre);
   const isPeak = validity.valid !== false && Number.isFinite(peak) && peak > start;
@@ -62,7 +62,7 @@ function ofManoeuvre(manoeuvre, channels, alertAbove) {
     ...alerts.map(([from, to]) => ({ t: from, text: alertText(from, to), level: "alert" })),
     exceedance && ofExceedance(exceedance, channels),
     raw && ofExceedance(raw, channels, raw.doubt ? " as recorded" : " as recorded, but not relative to trim"),
-    isPeak && { t: peak, text: `peak risk of ${name}: ${riskText(risk, alertAbove)}`, level: "" },
+    isPeak && { t: peak, text: `peak risk of ${name}: ${riskText(risk, own ?? alertAbove)}`, level: "" },
   ].filter(Boolean);
 }
 

@@ -1,6 +1,6 @@
 /**
- * Choose monitors, each with one epsilon or several, and monitor sets. The newest monitor that fits the recording is
- * preselected.
+ * Choose monitors, each with one epsilon or several, and monitor sets, each with the flight condition that was not
+ * recorded. The newest monitor that fits the recording is preselected.
  *
  * used: Set of ids that are preselected.   none(): no monitor fits.   first() -> id of the first monitor chosen | null
  * requests() -> [{words, body}]    of scorings, without trim and manoeuvres
@@ -30,7 +30,7 @@ export function createMonitorChoice({ api, recording, monitors, sets, used, cata
     element,
     ready,
     check,
-    requests: () => [...chosen().flatMap(requestsOf), ...chosenSets().map(({ request }) => request)],
+    requests: () => [...chosen().flatMap(requestsOf), ...chosenSets().map((row) => row.request())],
     first: () => chosen()[0]?.monitor.id ?? chosenSets()[0]?.first ?? null,
     close: () => {
       isTouched = true;
@@ -105,27 +105,44 @@ export function createMonitorChoice({ api, recording, monitors, sets, used, cata
       id: `choose-${id}`,
       onchange: () => {
         isTouched = true;
+        declared.hidden = !box.checked;
         failure.show("");
         changed();
       },
     });
+    const needed = catalog.conditions.filter(({ key }) => cases.some(({ ranges }) => key in ranges));
+    const inputs = needed.map(({ key, label }) => h("input.narrow", { type: "number", step: "any", name: key, oninput: ({ target }) => target.removeAttribute("aria-invalid"), "aria-label": `${label} for ${name}` }));
+    const declared = h(
+      "span.field.field-inline",
+      { hidden: true },
+      h("span.hint", "Flight condition, where it was not recorded:"),
+      needed.map(({ label, unit }, k) => [h("span", label, h("span.unit", unit && ` [${unit}]`)), inputs[k]]),
+    );
     const about = cases.map(({ name: condition, monitor_name: monitor }) => `${condition}: ${monitor}`).join("; ");
     const element = h(
       "li",
       h("label.monitor-name", { for: box.id }, box, h("span", name)),
       h("span.hint.monitor-about", `monitor set by flight condition, each at its own ε: ${about}`),
+      declared,
     );
-    return { box, element, first: cases[0].monitor, request: { words: `monitor set ${name}`, body: { monitor_set: id } } };
+    return { box, element, inputs, first: cases[0].monitor, request };
+
+    function request() {
+      const given = inputs.filter(({ value }) => value !== "").map((input) => [input.name, Number(input.value)]);
+      return { words: `monitor set ${name}`, body: { monitor_set: id, condition: Object.fromEntries(given) } };
+    }
   }
 
   async function check() {
     await ready;
     const wrong = chosen().find((row) => wrongOf(row));
+    const bad = wrong ? wrong.epsilons : chosenSets().flatMap(({ inputs }) => inputs).find(({ validity }) => validity.badInput);
     const isNone = chosen().length + chosenSets().length === 0;
-    const words = wrong ? `${wrong.monitor.name}: ${wrongOf(wrong)}` : isNone ? "Choose at least one monitor." : "";
+    const ofSet = bad ? `${bad.ariaLabel}: no number was given; enter one, or leave the field empty.` : "";
+    const words = wrong ? `${wrong.monitor.name}: ${wrongOf(wrong)}` : isNone ? "Choose at least one monitor." : ofSet;
     failure.show(words);
-    wrong?.epsilons.setAttribute("aria-invalid", "true");
-    wrong?.epsilons.focus();
+    bad?.setAttribute("aria-invalid", "true");
+    bad?.focus();
     if (words) failure.element.scrollIntoView({ block: "center" });
     return words === "";
   }
