@@ -75,6 +75,7 @@ KINDS: dict[str, str] = {
 METHODS = {
     "ensemble": "past failures and the peak still to come as one, in any manoeuvre",
     "peak_ahead": "forecast of the peak still to come, in any manoeuvre",
+    "peak_soon": "forecast of the peak of the next samples: for inputs that switch several times",
     "test_card": "forecast of the test card: for doublets, pulses and other steps",
     "outputs_ahead": "forecast of the outputs against past failures: for any manoeuvre",
 }

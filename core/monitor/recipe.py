@@ -77,6 +77,7 @@ def planned(predictor: Predictor) -> Predictor:
 METHODS: dict[str, tuple[Predictor, Score]] = {
     "ensemble": (Ensemble(scope="near"), SCORES["highest_risk"]),
     "peak_ahead": (PREDICTORS["peak_ridge"], SCORES["rest_of_card"]),
+    "peak_soon": (PREDICTORS["peak_ridge"], SCORES["card_window"]),
     "test_card": (PREDICTORS["response_filter"], SCORES["card_window"]),
     "outputs_ahead": (PREDICTORS["linear"], SCORES["nearest_neighbor"]),
 }

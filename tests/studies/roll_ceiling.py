@@ -30,7 +30,7 @@ from core.simulation.simulator import Rollouts
 from core.types import Array, Flags, Indices
 from tests.studies.study_command import Progress, run_study
 
-METHODS = "peaks ahead: rest", "neighbors + peaks"
+METHODS = "peaks ahead: rest", "peaks ahead: window", "neighbors + peaks"
 AGO = 1, 2, 4, 8, 14, 20
 """Earlier samples that the trees see."""
 ROWS, TREES = 300_000, 200
