@@ -5,7 +5,7 @@ are flight times [s]. `seq` numbers the samples flown, one up per sample whateve
 does. `sent` and the heartbeat's `server_time` are times of the server.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from math import isfinite, nan
@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError,
 from app import json_codec
 from core.channels import KEYS, MOST_CHANNELS, Dictionary, Reference, Role
 from core.conditions import ConditionKey, Range
-from core.flight_events import Alarm, FlightLimits, FlightMarker, FlightMarkerKind
+from core.flight_events import Alarm, FlightLimits, FlightMarker, FlightMarkerKind, TrimChange
 from core.limits.exceedance import ChannelExceedances, LatchedExceedance
 from core.limits.limits import Envelope, SafeInterval, Specification, envelope_of
 from core.monitor import Assessment
@@ -194,6 +194,11 @@ class Frame(SampleAssessment):
     sent: float | None = Field(
         description="monotonic milliseconds of the server when it was due; null in a record"
     )
+    sensor: dict[str, float] = Field(
+        default_factory=dict,
+        description="as recorded, the limited channels that the subtracted trim changes by at "
+        "least 20 % of the limit; absent if there is none, and in a record",
+    )
     taken: float | None = Field(
         default=None,
         description="of a live source: as `sent`, but when the sample was taken; else absent",
@@ -244,6 +249,11 @@ class LiveStatus(Message):
     manoeuvre: int = Field(description="number of the current one; 0 for none")
     trim: Literal["detected", "none"]
     begun: list[ManoeuvreBegun] = Field(default_factory=list, description="newest ones, in order")
+    trims: list[TrimChange] | None = Field(
+        default=None,
+        description="where the subtracted trim of a limited channel changed, newest ones, in "
+        "order; before the first, values are as recorded; null where the source sends from trim",
+    )
     late: list[LateInterval] = Field(default_factory=list, description="newest ones, in order")
     resumed: int = Field(default=0, description="times that it was resumed after a crash")
     time_zero: str = Field(
@@ -445,6 +455,9 @@ class Hello(SampleState, CurrentStatus, AuthorityFacts):
         default_factory=list,
         description="the inputs of a source that is known from start to end; of a live one in "
         "`live`",
+    )
+    trims: list[TrimChange] | None = Field(
+        default=None, description="as in `live`, of a source that is known from start to end"
     )
     transport: TransportState
     exceedances: list[ChannelExceedances] = Field(description="exceedances so far, per channel")
@@ -704,6 +717,7 @@ def plain_frame(
     ahead: Ahead | None = None,
     attitude: tuple[float, float, float] = (nan, nan, nan),
     is_integrated: bool = False,
+    sensor: Mapping[str, float] | None = None,
 ) -> dict[str, Any]:
     """A Frame as plain data; not validated, since every sample needs one. taken: [s]."""
     frame = {
@@ -722,6 +736,8 @@ def plain_frame(
         frame["attitude"] = [round(angle, 5) for angle in attitude]
     if is_integrated:
         frame["integrated"] = True
+    if sensor:
+        frame["sensor"] = sensor
     if display:
         frame["display"] = [_plain_assessment(shown) for shown in display]
     return frame

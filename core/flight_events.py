@@ -1,4 +1,4 @@
-"""What happens during a flight and is kept: alarms, markers of people, and limits put in force."""
+"""What happens during a flight and is kept: alarms, markers, changes of trim and of limits."""
 
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -114,6 +114,21 @@ class FlightMarker:
     def __post_init__(self) -> None:
         for name in ("word", "meaning", "level"):
             object.__setattr__(self, name, getattr(FLIGHT_MARKERS[self.kind], name))
+
+
+@dataclass(frozen=True)
+class TrimChange:
+    """The trim that is subtracted from a limited channel became known, moved or was lost."""
+
+    __pydantic_config__ = ON_THE_WIRE
+
+    t: float
+    """first sample that counts from it [s]"""
+    channel: str
+    value: float | None
+    """trim in the channel's unit; null: values are as recorded from here on"""
+    by_hand: bool = False
+    """whether a person began the manoeuvre for which it was taken"""
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ channel may be dead. Each sample is checked when it arrives, so a flight and the
 journal find the same.
 """
 
+from collections import deque
 from collections.abc import Sequence
 from math import isnan
 from typing import Literal, NamedTuple, get_args
@@ -14,6 +15,7 @@ import numpy as np
 from app.assessment.planned_test import PlannedTest
 from app.assessment.trim import BEGINNING, OTHER, RESTS, SHARE, SMALLEST
 from core.channels import Channel, Dictionary
+from core.flight_events import TrimChange
 from core.kernels import input_motion as kernel
 from core.kernels.compiled import entry
 from core.kernels.input_motion import (
@@ -60,6 +62,9 @@ FAR, NOTABLE = 0.5, 0.2
 """A trim of this share of a limit is a caution, or an advisory."""
 SETTLED = 0.1
 """A trim that changes by less, as a share of the limit, is the same."""
+
+CHANGES_KEPT = 50
+"""Newest changes of trim that are shown."""
 
 ALL, SINCE = "all channels", " frozen since "
 UNMOVED = "aircraft moves, surfaces do not: {}check the channel"
@@ -126,22 +131,38 @@ class InputChecks:
         self._contradictions.restart()
 
 
-class TrimCheck:
-    """Whether the trim is a large part of a limit: then little that is shown may be much.
+def sensor_values(
+    keys: Sequence[str], limits: Envelope | None, y: Array, recorded: Array
+) -> dict[str, float]:
+    """As recorded, the limited channels that the trim changes by a notable share of their limit.
 
-    limits: of the monitor; None if unknown.
+    y: (n_channels,) from trim.   recorded: the same including trim.
+    """
+    if limits is None:
+        return {}
+    far = limits.shares(limits.rest + recorded - y) >= NOTABLE
+    return {keys[c]: recorded.item(c) for c in np.flatnonzero(far).tolist()} if far.any() else {}
+
+
+class TrimCheck:
+    """Where the trim changed, and whether it is a large part of a limit: little shown may be much.
+
+    limits: of the monitor; None if unknown.   changes: the newest.
     """
 
     def __init__(self, dictionary: Dictionary, limits: Envelope | None) -> None:
         self._channels, self._limits = dictionary.channels, limits
         self._trim, self._at, self._share = b"", -1, 0.0
+        self._noted = np.full(len(dictionary), np.nan)
         self.doubts: tuple[Doubt, ...] = ()
+        self.changes = deque[TrimChange](maxlen=CHANGES_KEPT)
 
-    def note(self, t: float, trim: Array) -> None:
+    def note(self, t: float, trim: Array, *, by_hand: bool = False) -> None:
         """The trim from the sample of t [s] on, (n_channels,), NaN where unknown."""
         if self._limits is None or self._trim == (known := trim.tobytes()):
             return
         self._trim = known
+        self._note_changes(t, trim, self._limits, by_hand)
         share = np.nan_to_num(self._limits.shares(self._limits.rest + trim))
         if self.doubts and abs(share.item(self._at) - self._share) < SETTLED:
             return
@@ -156,6 +177,16 @@ class TrimCheck:
                 f"{100 * self._share:.0f} % of the limit: check its zero, or fly back to trim"
             )
             self.doubts = (Doubt("trim", level, t, reason),)
+
+    def _note_changes(self, t: float, trim: Array, limits: Envelope, by_hand: bool) -> None:
+        moved = limits.shares(limits.rest + trim - self._noted) >= SETTLED
+        changed = (moved | (np.isnan(trim) != np.isnan(self._noted))) & limits.limited
+        for c in np.flatnonzero(changed).tolist():
+            channel, value = self._channels[c], trim.item(c)
+            self._noted[c] = value
+            if channel.reference == "trim":
+                known = None if isnan(value) else value
+                self.changes.append(TrimChange(t, channel.key, known, by_hand))
 
 
 class _Recent:

@@ -33,6 +33,7 @@ from app.assessment.rulings import ConditionHold, Ruling
 from app.assessment.trim import CausalTrim
 from core.channels import LATERAL
 from core.conditions import Condition, ConditionKey
+from core.flight_events import TrimChange
 from core.kernels import assessing
 from core.limits.exceedance import NOT_PLAUSIBLE, Exceeded, exceeded_at
 from core.limits.limits import Envelope
@@ -223,7 +224,7 @@ class CausalScorer:
         self.needed = self._needed([*members, *(shown for shown, _ in display)])
         """channels that at least one of the monitors needs"""
         self._used: int | None = None
-        self._has_begun = self._has_moved = False
+        self._has_begun = self._has_moved = self._is_by_hand = False
         self._controls = list(planned.controls)
         if monitors is not None:
             self._departure = monitors.departure()
@@ -287,6 +288,11 @@ class CausalScorer:
         """Why the newest received sample is no picture of the aircraft."""
         return (*self._checks.doubts, *self._contradiction, *self._trim_check.doubts)
 
+    @property
+    def trims(self) -> list[TrimChange] | None:
+        """Newest changes of the trim that is subtracted; None where samples are from trim."""
+        return None if self._trim is None else list(self._trim_check.changes)
+
     def push(self, arrived: float, sample: Sample, source: str = "") -> list[LiveAssessed]:
         """Add a received sample; return the samples that it settles. source: its name."""
         if sample.condition is not None:
@@ -327,6 +333,7 @@ class CausalScorer:
         if self._trim is None or not self._trim.begin():
             return False
         self._restart(self._trim.level)
+        self._is_by_hand = True
         return True
 
     def _assess(self, sample: Sample) -> LiveAssessed:
@@ -344,7 +351,8 @@ class CausalScorer:
             trim = self._trim.level
             if begins:
                 self._restart(trim)
-            self._trim_check.note(sample.t, trim)
+            self._trim_check.note(sample.t, trim, by_hand=self._is_by_hand)
+            self._is_by_hand = False
             known = sample.y - trim
             y = np.where(np.isnan(trim), sample.y, known)
         if self._trim is not None and not self._trim.manoeuvre:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from app.assessment.grid import Angles, IntegratedAngles
-from app.assessment.input_checks import Doubt
+from app.assessment.input_checks import Doubt, sensor_values
 from app.assessment.limits_in_force import LimitsInForce, RequestedLimits
 from app.assessment.monitors_in_use import MonitorRuling, MonitorsInUse
 from app.assessment.rulings import InForceFrom, Ruling
@@ -65,7 +65,7 @@ from app.messages import (
     validity_word,
 )
 from app.scene.shown import KnownAngles, Shown
-from core.flight_events import FLIGHT_MARKERS, Alarm, FlightMarker, FlightMarkerKey
+from core.flight_events import FLIGHT_MARKERS, Alarm, FlightMarker, FlightMarkerKey, TrimChange
 from core.limits.exceedance import Exceedances, Exceeded
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import Cause
@@ -253,6 +253,11 @@ class Flight(ABC):
     def begun(self) -> list[ManoeuvreBegun]:
         """The inputs of a source that is known from start to end."""
         return []
+
+    @property
+    def trims(self) -> list[TrimChange] | None:
+        """Where the trim of a limited channel changed; None where samples are from trim."""
+        return None
 
     @property
     def id(self) -> str:
@@ -473,6 +478,7 @@ class Flight(ABC):
             duration=self.duration,
             planned_s=self._planned_s,
             begun=self.begun,
+            trims=self.trims,
             transport=self.transport,
             state=self.state,
             reason=self.reason,
@@ -500,14 +506,17 @@ class Flight(ABC):
         index: int,
         attitude: Angles,
         display: tuple[Assessment, ...] = (),
+        *,
+        recorded: Array,
     ) -> None:
         """Record, check and encode one sample; `_show` follows once per burst.
 
-        display: assessments by the monitors for display.
+        display: assessments by the monitors for display.   recorded: y including trim.
         """
         seq = self._recent.head + 1
         self.recorder.add(seq, y, assessment, display)
-        self._follow(y, assessment, exceedance, attitude, display, round(due * 1e3, 3))
+        sent = round(due * 1e3, 3)
+        self._follow(y, assessment, exceedance, attitude, display, sent, recorded=recorded)
         about = assessment, exceedance, self.clock, self._late
         beyond = beyond_of(self.in_force.ruling)
         if raised := self.alarms.update(seq, index, *about, beyond=beyond):
@@ -523,6 +532,8 @@ class Flight(ABC):
         attitude: Angles,
         display: tuple[Assessment, ...] = (),
         sent: float | None = None,
+        *,
+        recorded: Array,
     ) -> None:
         """Update the display with one sample. sent: monotonic milliseconds; None for an old one."""
         if self.in_force.is_undated:
@@ -533,7 +544,10 @@ class Flight(ABC):
             self._set_state(assessment.state, assessment.reason, assessment.cause)
         taken = self._taken(assessment.t)
         ahead = self._ahead_of(assessment)
-        about = display, taken, ahead, attitude, isinstance(attitude, IntegratedAngles)
+        is_integrated = isinstance(attitude, IntegratedAngles)
+        keys = self.plan.monitor.dictionary.keys
+        sensor = sensor_values(keys, self.in_force.limits, y, recorded)
+        about = display, taken, ahead, attitude, is_integrated, sensor
         frame = plain_frame(self._recent.head + 1, y, assessment, sent, *about)
         self._recent.append(encode_frame(frame))
         self._newest.append((assessment.t, assessment.state, assessment.reason))

@@ -15,7 +15,7 @@ from app.recordings.scoring_answers import stored_assessment
 from app.store.flights import FlightInfo
 from app.store.store import NotFound, Store
 from app.telemetry.journal import Journals
-from core.flight_events import Alarm, FlightMarker
+from core.flight_events import Alarm, FlightMarker, TrimChange
 
 NAME, ACCEPT_USELESS = "name", "accept_useless"
 """Stored with the source of a flight."""
@@ -94,6 +94,13 @@ class FlightRecords:
             return LiveStatus.model_validate(end["live"])
         except (KeyError, ValidationError):
             return None
+
+    async def trims(self, flight_id: str) -> list[TrimChange] | None:
+        """Where its trim changed; None where it subtracts none, or that is not known."""
+        if (flight := self._under_way.get(flight_id)) is not None:
+            return flight.trims
+        live = await self.live_status(flight_id)
+        return live.trims if live else None
 
     async def end_reason(self, flight_id: str) -> str:
         """Why and by whom a live flight was ended; empty if its journal has no reason. OSError."""

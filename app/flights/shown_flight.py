@@ -181,6 +181,7 @@ class ShownFlight(StoredScript):
             self._rulings.append(assessed.ruling)
             self._doubts.append(scorer.doubts)
             yield _row(assessed, display)
+        self.trims = scorer.trims
         if waiting := [*waiting, *scorer.pop_exceedances()]:
             self._received[k] = [*self._received.get(k, ()), *waiting]
 

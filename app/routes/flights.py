@@ -1,6 +1,7 @@
 """Flights over REST: start, steer, end and read."""
 
 import asyncio
+from dataclasses import asdict
 from typing import Annotated, Any, Literal, Self
 
 from fastapi import APIRouter, Query, Response
@@ -46,7 +47,7 @@ from app.routes.dependencies import (
 from app.store.flights import FlightFilter, FlightInfo, Progress
 from app.store.people import LOCAL
 from core.evaluation.certificate import UselessMonitor
-from core.flight_events import Alarm, FlightMarker, FlightMarkerKey
+from core.flight_events import Alarm, FlightMarker, FlightMarkerKey, TrimChange
 from core.limits.exceedance import ChannelExceedances
 from core.monitor import State
 from core.monitor.assessment import Cause
@@ -173,6 +174,12 @@ class FramesPart(BaseModel):
     first: int
     next: int | None = Field(description="number of the next frame to request; null at the end")
     frames: list[Frame]
+    trims: list[TrimChange] | None = Field(
+        default=None,
+        description="where the trim changed that is subtracted from limited channels, the newest "
+        "50, in order; before the first, `y` is as recorded. null: the source's samples are from "
+        "trim, or the server was killed during the flight",
+    )
 
 
 class MarkerRequest(BaseModel):
@@ -287,7 +294,8 @@ async def read_assessments(
     """
     stop = last_frame(first, last)
     frames = await flights.records.frames(flight_id, first, stop)
-    return await _frames_response(frames, first, stop, last)
+    trims = await flights.records.trims(flight_id)
+    return await _frames_response(frames, first, stop, last, trims)
 
 
 @router.get("/{flight_id}/source", responses=problem_responses(409))
@@ -300,7 +308,7 @@ async def read_source(
     """
     flight, stop = flights.flying(flight_id), last_frame(first, last)
     frames = flight.source_frames(first, stop)
-    return await _frames_response(frames, first, stop, last)
+    return await _frames_response(frames, first, stop, last, flight.trims)
 
 
 @router.get("/{flight_id}/comparison")
@@ -352,10 +360,15 @@ async def set_flight_marker(
 
 
 async def _frames_response(
-    frames: list[dict[str, Any]], first: int, stop: int, last: int | None
+    frames: list[dict[str, Any]],
+    first: int,
+    stop: int,
+    last: int | None,
+    trims: list[TrimChange] | None,
 ) -> Any:
     more = bool(frames) and frames[-1]["seq"] == stop and stop != last
     content = {"first": first, "next": stop + 1 if more else None, "frames": frames}
+    content["trims"] = None if trims is None else [*map(asdict, trims)]
     return await asyncio.to_thread(json_response, content)
 
 

@@ -43,7 +43,7 @@ from app.telemetry.journal import Journal, JournalFull, Journals
 from app.telemetry.recording import TelemetryError
 from core.channels import LATERAL
 from core.conditions import CONDITION_KEYS, CONDITIONS, ConditionKey
-from core.flight_events import Alarm, FlightMarker
+from core.flight_events import Alarm, FlightMarker, TrimChange
 from core.limits.exceedance import Exceeded, exceeded_at
 from core.monitor import Assessment, Monitor, State
 from core.monitor.peak_forecast import Ahead
@@ -210,6 +210,7 @@ class LiveFlight(Flight):
             manoeuvre=self.scorer.manoeuvre,
             trim=self._setup.trim,
             begun=list(self._begun),
+            trims=self.trims,
             late=list(self._lag.intervals),
             resumed=self._n_resumed,
             time_zero=self._time_zero(),
@@ -231,6 +232,10 @@ class LiveFlight(Flight):
             drift=round(self._lag.drift * 1e6),
             doubts=[doubt.reason for doubt in self.doubts],
         )
+
+    @property
+    def trims(self) -> list[TrimChange] | None:
+        return self.scorer.trims
 
     def _time_zero(self) -> str:
         if not isfinite(zero := self.scorer.zero):
@@ -498,7 +503,8 @@ class LiveFlight(Flight):
         while replay.waiting and self.head < stored:
             assessed, received = replay.waiting.popleft()
             replay.exceeding += self._judged(received)
-            self._follow(*self._flown(assessed), assessed.display)
+            shown = *self._flown(assessed), assessed.display
+            self._follow(*shown, recorded=assessed.recorded)
             if (alert := assessed.assessment.alert) is not None:
                 replay.alert_t = (replay.alert_t or assessed.assessment.t) if alert else None
 
@@ -618,17 +624,17 @@ class LiveFlight(Flight):
             return
         self._lag.note(now - self._began, assessed[-1].assessment.t)
         self._late = self._lag.reason
-        n_begun = self._newest_manoeuvre
+        known = self._newest_manoeuvre, self.trims
         for sample in assessed:
             self._judge_received(sample.assessment.t)
             self._fly_one(sample, now)
-        if self._newest_manoeuvre != n_begun:
+        if (self._newest_manoeuvre, self.trims) != known:
             self._send_live()
 
     def _fly_one(self, assessed: LiveAssessed, due: float) -> None:
         y, assessment, exceeded, attitude = self._flown(assessed)
         about = due, self.head + 1, attitude, assessed.display
-        self._fly(y, assessment, exceeded, *about)
+        self._fly(y, assessment, exceeded, *about, recorded=assessed.recorded)
 
     def _flown(self, assessed: LiveAssessed) -> tuple[Array, Assessment, Exceeded | None, Angles]:
         judged, recorded, ruling = assessed.judged, assessed.recorded, assessed.ruling

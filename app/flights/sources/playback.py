@@ -19,6 +19,7 @@ from app.flights.planned_card import first_input
 from app.flights.sources.simulated import Track
 from app.recordings.scoring_answers import stored_assessment
 from core.channels import LATERAL
+from core.flight_events import TrimChange
 from core.limits.exceedance import Exceeded, exceeded_at
 from core.limits.limits import Envelope
 from core.monitor import Assessment, Monitor, State
@@ -41,7 +42,7 @@ class Script(ABC):
     manoeuvres: plain, of a scored recording.   keys: of the channels.   near: see Exceedances.
     planned: (n, 3) attitude of
     the planned flight at each sample [rad]; None, and why in `no_plan`.   begun: times of the first
-    input of each manoeuvre [s].
+    input of each manoeuvre [s].   trims: see Flight.trims.
     """
 
     keys: Sequence[str] = LATERAL.keys
@@ -59,6 +60,7 @@ class Script(ABC):
     planned: Array | None = None
     no_plan: str = "a recording has no planned flight to the same times"
     begun: Sequence[float] = ()
+    trims: list[TrimChange] | None = None
     _followed: "FollowedForecast | None" = None
 
     @property

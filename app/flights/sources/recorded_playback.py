@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from app.assessment.grid import IntegratedAngles
+from app.assessment.input_checks import TrimCheck
 from app.assessment.limits_history import InForceTimeline
 from app.assessment.planned_test import PlannedTest, known_test
 from app.assessment.rulings import InForceFrom, Ruling
@@ -84,7 +85,8 @@ class RecordedScript(StoredScript):
         known = [s.get("trim") or () for s in manoeuvres]
         none = [0.0] * samples["y"].shape[1]
         trims = [[value or 0.0 for value in trim] or none for trim in known]
-        self._offsets = np.array([*trims, none]) + (biases or none)
+        biases = biases or none
+        self._offsets = np.array([*trims, none]) + biases
         unknown = [[nan if value is None else 0.0 for value in trim] or none for trim in known]
         self._unknown = np.array([*unknown, none])
         self._starts = np.array([s.get("first", 0) for s in manoeuvres])
@@ -93,6 +95,13 @@ class RecordedScript(StoredScript):
             planned = known_test(monitor)
             onsets_of = (self._first_input(each, planned) for each in manoeuvres)
             self.begun = [t for t in onsets_of if t is not None]
+            if any(map(any, trims)):
+                check = TrimCheck(monitor.dictionary, monitor.envelope)
+                begins = [0, *self._starts[1:].tolist()]  # before the first, values count from it
+                levels = self._offsets + self._unknown - biases
+                for begin, trim in zip(begins, levels[:-1], strict=True):
+                    check.note(float(self.t[begin]), trim)
+                self.trims = list(check.changes)
 
     def _first_input(self, manoeuvre: Mapping[str, Any], planned: PlannedTest) -> float | None:
         """Time of the first input of a manoeuvre [s]; None where no control departs."""

@@ -15,6 +15,7 @@ from app.flights.sources.playback import Script
 from app.flights.transport import Due, NotPossible, Transport, TransportError
 from app.messages import ManoeuvreBegun, TransportChange, TransportState, plain_frame
 from app.scene.shown import KnownAngles
+from core.flight_events import TrimChange
 from core.limits.exceedance import Exceeded
 from core.monitor import Assessment, State
 from core.monitor.peak_forecast import OVER, Ahead, NothingAhead
@@ -95,6 +96,10 @@ class TrackFlight(Flight):
     def begun(self) -> list[ManoeuvreBegun]:
         times = enumerate(self._script.begun, 1)
         return [ManoeuvreBegun(number=number, t=t) for number, t in times]
+
+    @property
+    def trims(self) -> list[TrimChange] | None:
+        return self._script.trims
 
     def start(self) -> None:
         if self.plan.monitors is not None and not self._script.shows_rulings:
@@ -259,7 +264,7 @@ class TrackFlight(Flight):
             self.exceedances.add(sample.exceeded(script.keys), sample.y, sample.limits)
         assessment, display = self._assessed(k)
         about = self._exceeded(k), due.due, k, script.attitude(k), display
-        self._fly(script.y(k), assessment, *about)
+        self._fly(script.y(k), assessment, *about, recorded=script.recorded(k))
         self._doubt(script.doubts(k))
 
     def _pass(self, k: int) -> None:

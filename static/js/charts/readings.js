@@ -14,13 +14,14 @@
  *   state       of the newest sample: "ok", "invalid", ...; undefined in a recording
  *   last        whether the value is an old one, beside the word
  *   alert, exceeded     whether the risk alerts; {t, value} latched, or null
+ *   sensor      value as recorded, where the trim makes it far from the one shown; else undefined
  *   before, otherwise   words before the values at A and B; words where neither is set
  */
 
 import { secondsText } from "../lib/clock.js";
 import { formatted, h, put } from "../lib/dom.js";
 import { isBeyond, limitText } from "../lib/limits.js";
-import { figure, formatValue, quantity, reading, shownIn } from "../lib/numbers.js";
+import { figure, formatValue, quantity, reading, sensorText, shownIn } from "../lib/numbers.js";
 
 const LONG = 6; // letters of a symbol
 export const NOTHING = { low: NaN, high: NaN };
@@ -74,6 +75,7 @@ function createReadout(element, strip, large) {
   const state = h("span.readout-state", { hidden: !large });
   const badge = h("span.readout-badge", { hidden: true });
   const latch = h("div.readout-latch", { hidden: true });
+  const sensor = h("div.readout-sensor", { hidden: true });
   const detail = h("div.readout-detail");
   const symbol = h("span.readout-symbol", { title: strip.label, "data-long": strip.symbol.length > LONG }, formatted(strip.symbol));
   let said = "";
@@ -82,6 +84,7 @@ function createReadout(element, strip, large) {
     h("div.readout-reading", symbol, large ? value : h("span.tile-values", value, second), unit, state),
     h("div.readout-title", h("span.readout-label", strip.label), badge),
     latch,
+    sensor,
     detail,
   );
 
@@ -102,6 +105,8 @@ function createReadout(element, strip, large) {
       if (now.values.length > 1) say(second, rangeText(strip, now.values[1]));
     }
     showAlarm(now, known);
+    sensor.hidden = now.sensor === undefined;
+    if (!sensor.hidden) put(sensor, sensorText(strip, now.sensor));
     const text = details(strip, now);
     if (text !== said) detail.replaceChildren(text && formatted(text));
     said = text;

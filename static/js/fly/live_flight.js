@@ -30,7 +30,7 @@ import { createSceneFrame } from "./scene/scene_frame.js";
 import { bindShortcuts, openShortcuts } from "./shortcuts.js";
 import { createBackfill } from "./source/backfill.js";
 import { createConnection, SCREEN } from "./source/connection.js";
-import { createLivePanel } from "./source/live_panel.js";
+import { createLivePanel, trimNotes } from "./source/live_panel.js";
 import { createSourceAddress } from "./source/source_address.js";
 import { createStatusStrip } from "./status_strip.js";
 import { createTestCard } from "./test_card.js";
@@ -73,6 +73,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   bindControls(panels.status, { keys, markers, wallView, sound }, life.signal);
   life.signal.addEventListener("abort", addDrawer(show));
   const raised = new Set();
+  const trims = new Set(); // changes that are listed
   let hello = null; // set together with display
   let display = null;
   let described = { mode: "", source: "–", monitor: ["–"] }; // for the status strip
@@ -127,6 +128,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     showLimits(hello.limits);
     onTransport(hello.transport);
     if (hello.live) onLive(hello.live);
+    showTrims(hello.trims);
     display.setAssessment({ state, reason: why, cause }, true);
     showEventsUntil(hello.transport.position);
     hello.alarms.forEach(onAlarm);
@@ -283,7 +285,14 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     setZero(...liveZero(live));
     if (panels.problem.hidden && live.problem !== "") sound.caution();
     source.update(live, hello);
+    showTrims(live.trims);
     address.describe({ ...hello, live });
+  }
+
+  function showTrims(given) {
+    const fresh = (given ?? []).filter(({ t, channel }) => !trims.has(`${t} ${channel}`));
+    fresh.forEach(({ t, channel }) => trims.add(`${t} ${channel}`));
+    trimNotes(fresh, hello.channels).forEach(note);
   }
 
   function steer(action, value = null) {
@@ -422,6 +431,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
       t: display.t,
       channels: hello.channels,
       y: isStale(headline) ? null : display.y,
+      sensor: display.newest?.sensor,
       latched: decided.latched ?? [],
       ...without,
     });

@@ -24,7 +24,7 @@ import { createRiskGauge } from "./assessment/risk_gauge.js";
 import { putLines } from "./flight_limits.js";
 import { alertLevel, usedEvents } from "./flight_monitors.js";
 import { LEVEL_OF, resultOf } from "./headline.js";
-import { beginningNote, lossText } from "./source/live_panel.js";
+import { beginningNote, lossText, trimNotes } from "./source/live_panel.js";
 import {
   acknowledgementOf,
   alertText,
@@ -174,10 +174,10 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
       event: { t: alarm.t, text: alertText(alarm, alertAbove, channels) + untilText(alarm, late), level: LEVEL_OF[alarm.level], seen: true },
       flag: recordedFlag(alarm),
     });
-    const notes = [alarms.map(alarmNote), put.map(limitsPut), (flight.live?.begun ?? []).map(beginningNote), markers.map(markerNote)].flat();
+    const notes = [alarms.map(alarmNote), put.map(limitsPut), (flight.live?.begun ?? []).map(beginningNote), trimNotes(flight.live?.trims ?? [], channels), markers.map(markerNote)].flat();
     for (const { flag } of notes) if (flag) chart.flag(flag);
     const acknowledgements = alarms.filter(({ acknowledged }) => acknowledged).map((alarm) => acknowledgementOf(alarm, isLive));
-    [...notes.map(({ event }) => event), ...usedEvents(flight), ...acknowledgements].sort((a, b) => a.t - b.t).forEach(events.add);
+    [...notes.map(({ event }) => event).filter(Boolean), ...usedEvents(flight), ...acknowledgements].sort((a, b) => a.t - b.t).forEach(events.add);
   }
 
   /** Alarms left unacknowledged in flight can be acknowledged here; the headline changes with them. */

@@ -8,9 +8,9 @@
  *     address: see ../lib/address.js.   tone: null where none sounds
  *   keys           {key: act}
  *   button         opens it
- *   show({words: [state, beside], level, mode, name, utc, t, channels, y, latched, why, widest})     drawn only while it is open
+ *   show({words: [state, beside], level, mode, name, utc, t, channels, y, sensor, latched, why, widest})     drawn only while it is open
  *     mode: where the samples come from, as on the status strip.   name: of flight and monitor.   y: of the newest sample by channel, null while none is
- *     current.   latched: the exceedances that the strips show.   why, widest: see withoutLimits of flight_monitors.js
+ *     current.   sensor: of the newest frame.   latched: the exceedances that the strips show.   why, widest: see withoutLimits of flight_monitors.js
  *   close()        the view ends
  * limitRows(channels, y, latched, widest) -> [{channel, value, peak, margin}]     of the MOST limited channels nearest to
  *     their limits, or furthest beyond; margin: 1 at the limit.   value, peak: NaN for none
@@ -20,7 +20,7 @@
 import { secondsText } from "../lib/clock.js";
 import { button, formatted, h, put } from "../lib/dom.js";
 import { isBeyond, limitsOf, limitText, marginOf, withLimits } from "../lib/limits.js";
-import { magnitudeIn, quantity } from "../lib/numbers.js";
+import { magnitudeIn, quantity, sensorText } from "../lib/numbers.js";
 import { soundWords } from "./alarms/tone.js";
 import { showMode } from "./status_strip.js";
 
@@ -80,7 +80,7 @@ export function createWall(element, view, address, tone = null) {
     put(sound, state === "on" ? "" : soundWords(tone));
   }
 
-  function draw({ words: [state, also = ""], level, mode, name = "", utc = null, t = null, channels = [], y = null, latched = [], why = "", widest = null }) {
+  function draw({ words: [state, also = ""], level, mode, name = "", utc = null, t = null, channels = [], y = null, sensor = {}, latched = [], why = "", widest = null }) {
     element.dataset.level = level;
     showMode(source, mode);
     put(called, name);
@@ -96,7 +96,7 @@ export function createWall(element, view, address, tone = null) {
       list.replaceChildren(without, ...rows.map((row) => row.item));
       list.dataset.keys = keys;
     }
-    nearest.forEach((reading, k) => rows[k].show(reading));
+    nearest.forEach((reading, k) => rows[k].show({ ...reading, sensor: sensor[reading.channel.key] }));
   }
 
   return {
@@ -135,16 +135,17 @@ function rowOf(channel) {
   const item = h("li.wall-row", h("span.wall-name", { title: channel.label }, formatted(shortened(channel.symbol))), value, h("span.wall-track", bar), limit);
   let shown = "";
 
-  function show({ channel: now, value: at, peak, margin }) {
+  function show({ channel: now, value: at, peak, margin, sensor }) {
     const known = Number.isFinite(at);
     const current = known ? `${margin >= 1 ? "▲ " : ""}${quantity(now, at)}` : "–";
     const hasPeak = Number.isFinite(peak); // it is the state; the current value is not
     const limits = limitsOf(now);
     const exceeded = limits[isBeyond(limits, peak)[0] ? 0 : 1];
     put(value, hasPeak ? `▲ ${quantity(now, peak)}` : current);
-    const words = hasPeak ? `peak, limit ${magnitudeIn(now, exceeded)}, now ${current}` : `limit ${limitText(now, limits)}`;
-    if (words !== shown) limit.replaceChildren(formatted(words));
-    shown = words;
+    const basis = known && sensor !== undefined ? sensorText(now, sensor) : "";
+    const text = hasPeak ? `peak, limit ${magnitudeIn(now, exceeded)}, now ${current} ${basis}` : `limit ${limitText(now, limits)} ${basis}`;
+    if (text !== shown) limit.replaceChildren(formatted(text));
+    shown = text;
     item.toggleAttribute("data-over", known && margin >= 1);
     item.toggleAttribute("data-exceeded", hasPeak);
     bar.style.width = known ? `${(100 * Math.min(ROOM, Math.max(0, margin))) / ROOM}%` : "0";

@@ -155,6 +155,9 @@ export function quantity(channel, value) {
   return `${reading(channel, value)} ${shownIn(channel).unit}`.trim();
 }
 
+/** Beside a value from trim that is far from the one as recorded. */
+export const sensorText = (channel, recorded) => `from trim, sensor ${quantity(channel, recorded)}`;
+
 export function magnitude(channel, value, digits = 4) {
   return figure(value * shownIn(channel).factor, digits);
 }

@@ -56,6 +56,11 @@ class Pushed:
         """Alarms about samples in doubt, as soon as there is one."""
         return alarms_of(flight or self.flight, *DOUBT_KINDS)
 
+    def trims(self, flight: str | None = None) -> Any:
+        """Where the trim of its limited channels changed."""
+        url = f"{flight or self.flight}/assessments"
+        return httpx2.get(url).raise_for_status().json()["trims"]
+
     @property
     def is_calm(self) -> bool:
         return self.state["status"] in ("ok", "warming_up", "not_calibrated")
@@ -71,6 +76,7 @@ class Pushed:
         replay = f"{self.api}/{self._post(self.api, body)['id']}"
         self._post(f"{replay}/transport", {"action": "speed", "value": 10.0})
         alarms = self.cautions(replay)
+        self.trims_of_replay = self.trims(replay)
         self._post(f"{replay}/end")
         return [(alarm["kind"], alarm["t"], alarm["reason"]) for alarm in alarms]
 
@@ -186,7 +192,15 @@ def test_a_trim_near_the_limit_is_a_caution_until_it_is_gone(server: LiveServer)
     assert alarm["reason"] in flight.live["doubts"]
     flight.push(t[300:], y[300:])
     assert flight.live["doubts"] == []
+    trims = flight.trims()
+    assert [(one["channel"], round(one["value"], 1)) for one in trims] == [
+        ("Ny", 0.0),
+        ("Ny", 0.4),
+        ("Ny", 0.0),
+    ]
+    assert trims[1]["t"] == alarm["t"]
     assert ("trim", alarm["t"], alarm["reason"]) in flight.replayed()
+    assert flight.trims() == flight.trims_of_replay == trims
 
 
 def test_two_sources_that_contradict_are_a_caution_with_both_values(server: LiveServer) -> None:

@@ -23,10 +23,10 @@ DT = 0.05
 LATE = "samples come more than 0.5 s late"
 
 
-def batch(sequence: int, first: int, n: int = 1) -> dict[str, Any]:
-    """Samples at rest."""
+def batch(sequence: int, first: int, n: int = 1, ny: float = 0.0) -> dict[str, Any]:
+    """Samples at rest. ny: [g]."""
     t = [DT * k for k in range(first, first + n)]
-    return {"sequence": sequence, "t": t, **{key: [0.0] * n for key in KEYS}}
+    return {"sequence": sequence, "t": t, **{key: [0.0] * n for key in KEYS}, "Ny": [ny] * n}
 
 
 class Live(Fly):
@@ -39,8 +39,8 @@ class Live(Fly):
         self.page.goto(f"{self.site.http}/#/fly/{self.flight}")
         self.connected()
 
-    def send(self, sequence: int, first: int, n: int = 1) -> None:
-        self.ask("POST", f"/flights/{self.flight}/samples", batch(sequence, first, n))
+    def send(self, sequence: int, first: int, n: int = 1, ny: float = 0.0) -> None:
+        self.ask("POST", f"/flights/{self.flight}/samples", batch(sequence, first, n, ny))
 
     def figure(self, item: str) -> Any:
         return self.page.locator(f'.live-item[data-item="{item}"] .live-value')
@@ -112,16 +112,27 @@ def test_a_link_that_is_cut_before_the_first_sample_is_stale_everywhere(
 
 def test_a_key_begins_a_manoeuvre_which_is_listed_and_cannot_begin_twice(live: Live) -> None:
     live.begin()
-    live.send(0, 0, 5)
+    live.send(0, 0, 5, ny=0.3)
     expect(live.figure("phase")).to_contain_text("trim is measured")
+    sensor = live.page.locator(".readout-sensor:visible")
+    expect(sensor).to_have_count(0)
     button = live.page.get_by_role("button", name="Manoeuvre begins")
     expect(button).to_be_enabled()
     live.page.keyboard.press("g")
     expect(button).to_be_disabled()
-    live.send(1, 5, 5)
+    live.send(1, 5, 5, ny=0.3)
     live.event("manoeuvre 1 begins").wait_for()
     assert live.event_time("manoeuvre 1 begins") == pytest.approx(5 * DT)
     expect(live.figure("phase")).to_have_text("manoeuvre 1 in progress")
+    words = "from trim, sensor 0.300 g"  # beside a value of zero
+    expect(sensor).to_have_text([words])
+    trim = "values count from trim: Ny 0.300 g, begun by hand"
+    assert live.event_time(trim) == pytest.approx(5 * DT)
+    live.page.keyboard.press("w")
+    expect(live.page.locator(".wall-limit")).to_contain_text(words)
+    live.page.keyboard.press("Escape")
+    live.end()
+    expect(live.event(trim)).to_be_visible()
 
 
 def test_a_source_that_died_is_as_old_in_each_place_and_grows_older(own_live: Live) -> None:

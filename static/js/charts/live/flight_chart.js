@@ -40,7 +40,7 @@
 import { createAddress } from "../../lib/address.js";
 import { secondsText } from "../../lib/clock.js";
 import { limitsByKey, limitsOf, widest } from "../../lib/limits.js";
-import { leadSeconds, quantity, reading } from "../../lib/numbers.js";
+import { leadSeconds, quantity, reading, sensorText } from "../../lib/numbers.js";
 import { STATE_WORDS, stripState, WITHDRAWN } from "../../lib/states.js";
 import { layOut, stripArrangement } from "../layout.js";
 import { createStripChart } from "../strip_chart.js";
@@ -297,6 +297,7 @@ function createSource({ strips, ring, seriesOf, intake, timeline, alertAbove, le
       last: old,
       alert: strip.risk && intake.status.alert,
       exceeded: latchedOf(strip),
+      sensor: strip.risk ? undefined : intake.sensor[strip.key],
       before: old ? `last value, ${age.toFixed(1)} s old` : "",
       otherwise: Number.isFinite(cursor)
         ? `cursor ${reading(strip, valuesAt(strip, cursor)[0].low)}${besideText(strip, cursor)}`
@@ -369,6 +370,7 @@ function createSource({ strips, ring, seriesOf, intake, timeline, alertAbove, le
       word.toLowerCase(),
     ];
     if (strip.risk && intake.status.alert && known && !stale) parts.push("alert");
+    if (known && intake.sensor[strip.key] !== undefined) parts.push(sensorText(strip, intake.sensor[strip.key]));
     const exceedance = latchedOf(strip);
     if (exceedance) parts.push(`limit exceeded at ${secondsText(exceedance.t)}`);
     return parts;

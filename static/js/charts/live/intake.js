@@ -4,7 +4,7 @@
  * createIntake({ring, channels, strips, dt}) -> Intake     series: channels, risk, margin, forecasts of the strips,
  *     risk by the first monitor for display where a strip has one beside its own
  *   push(frames) -> how many were stored;   insert(frames, complete)    earlier ones; complete: the sample after them follows
- *   status -> {state, alert}          of the newest frame, or as set by setStatus
+ *   status -> {state, alert}          of the newest frame, or as set by setStatus;   sensor -> as the newest frame has it
  */
 
 import { stripState } from "../../lib/states.js";
@@ -21,6 +21,7 @@ export function createIntake({ ring, channels, strips, dt }) {
   const isCompared = strips.some(({ beside }) => beside !== null);
   const row = new Float64Array(first + forecasting.length + (isCompared ? 1 : 0));
   let status = NO_DATA;
+  let sensor = {};
   let seq = null;
 
   function push(frames) {
@@ -52,7 +53,9 @@ export function createIntake({ ring, channels, strips, dt }) {
   function store(frame) {
     const stored = ring.push(frame.t, rowOf(frame), flagsOf(frame));
     status = { state: stripState(frame), alert: frame.alert === true && frame.state === "ok" };
-    if (stored) seq = frame.seq ?? null;
+    if (!stored) return;
+    seq = frame.seq ?? null;
+    sensor = frame.sensor ?? {};
   }
 
   function insert(frames, complete) {
@@ -92,11 +95,15 @@ export function createIntake({ ring, channels, strips, dt }) {
     get status() {
       return status;
     },
+    get sensor() {
+      return sensor;
+    },
     setStatus: (given) => {
       status = given;
     },
     clear: () => {
       status = NO_DATA;
+      sensor = {};
       seq = null;
     },
   };

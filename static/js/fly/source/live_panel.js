@@ -10,13 +10,14 @@
  *   setUsable(boolean)       false while there is no connection
  *   setStale(boolean)        whether the display is stale: the lag is then unknown
  * beginningNote({number, t}) -> {event, flag}    of a manoeuvre, for the event list and the strips
+ * trimNotes(trims, channels) -> [{event, flag}]    of changes of the trim that is subtracted: of one time one event
  * lossText(live) -> [string]     samples of an ended flight, received and not used, by kind
  */
 
 import { may, needs } from "../../lib/api.js";
 import { secondsText } from "../../lib/clock.js";
 import { errorLine, h, put } from "../../lib/dom.js";
-import { counted, leadSeconds } from "../../lib/numbers.js";
+import { counted, leadSeconds, quantity } from "../../lib/numbers.js";
 import { createItems } from "../status_strip.js";
 
 const BEGIN = "POST /flights/{}/manoeuvre";
@@ -164,6 +165,17 @@ export function createLivePanel({ line, problem }, { begin, accept, address, eve
 export function beginningNote({ number, t }) {
   const word = `manoeuvre ${number}`;
   return { event: { t, text: `${word} begins`, seen: true }, flag: { key: null, t, word, colour: "text", thin: true } };
+}
+
+export function trimNotes(trims, channels) {
+  const channelOf = ({ channel: key }) => channels.find((channel) => channel.key === key);
+  const text = (change) => `${channelOf(change).symbol} ${change.value === null ? "as recorded" : quantity(channelOf(change), change.value)}`;
+  const flagOf = ({ t, channel: key }) => ({ key, t, word: "trim", colour: "text", thin: true });
+  return [...Map.groupBy(trims, ({ t }) => t)].flatMap(([t, changes]) => {
+    const hand = changes.some(({ by_hand: byHand }) => byHand) ? ", begun by hand" : "";
+    const event = { t, text: `values count from trim: ${changes.map(text).join(", ")}${hand}`, seen: true };
+    return changes.map((change, k) => ({ event: k === 0 && event, flag: flagOf(change) }));
+  });
 }
 
 export function lossText({ batches, counts, malformed, foreign, resumed, late = [], unread = [] }) {
