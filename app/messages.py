@@ -453,7 +453,7 @@ class Hello(SampleState, CurrentStatus, AuthorityFacts):
     )
     begun: list[ManoeuvreBegun] = Field(
         default_factory=list,
-        description="the inputs of a source that is known from start to end; of a live one in "
+        description="the inputs of a source that is known from start to end; of a live one as in "
         "`live`",
     )
     trims: list[TrimChange] | None = Field(

@@ -251,8 +251,18 @@ class Flight(ABC):
 
     @property
     def begun(self) -> list[ManoeuvreBegun]:
-        """The inputs of a source that is known from start to end."""
+        """The newest inputs, or all of a source that is known from start to end."""
         return []
+
+    @property
+    def call(self) -> FlightMarker | None:
+        """The newest of the most urgent calls in force; a new manoeuvre ends a call."""
+        markers, begun = self.markers.values(), self.begun
+        cleared = max((m.number for m in markers if m.kind == "call_cleared"), default=0)
+        calls = [m for m in markers if m.level is not Level.NONE and m.number > cleared]
+        calls = [m for m in calls if not any(m.t < each.t <= self.t for each in begun)]
+        urgent = [m for m in calls if m.level is Level.WARNING] or calls
+        return urgent[-1] if urgent else None
 
     @property
     def trims(self) -> list[TrimChange] | None:
@@ -372,6 +382,7 @@ class Flight(ABC):
         self.markers[number] = marker
         self._broadcast(MarkerSet(marker=marker).encode())
         self.recorder.add_event(marker, partial(self._note_marker, number))
+        self.on_change()
         return marker
 
     def put_in_force(self, change: RequestedLimits, by: str) -> LimitsInForce:

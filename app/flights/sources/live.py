@@ -209,7 +209,7 @@ class LiveFlight(Flight):
             lag=round(self._lag.now, 3),
             manoeuvre=self.scorer.manoeuvre,
             trim=self._setup.trim,
-            begun=list(self._begun),
+            begun=self.begun,
             trims=self.trims,
             late=list(self._lag.intervals),
             resumed=self._n_resumed,
@@ -232,6 +232,10 @@ class LiveFlight(Flight):
             drift=round(self._lag.drift * 1e6),
             doubts=[doubt.reason for doubt in self.doubts],
         )
+
+    @property
+    def begun(self) -> list[ManoeuvreBegun]:
+        return list(self._begun)
 
     @property
     def trims(self) -> list[TrimChange] | None:

@@ -61,12 +61,16 @@ export function staleText(cause, age) {
   return [cause || "no new sample", ...old].join("; ");
 }
 
-export function resultOf({ verdict, progress, cause, mode, head, ...headline }) {
+/** Of a call in force: when, and by whom. */
+export const aboutCall = ({ t, by }) => `at ${secondsText(t)}, by ${by}`;
+
+export function resultOf({ verdict, progress, cause, mode, head, call = null, ...headline }) {
   const { level } = headline;
   const result = (parts, level) => ({ words: parts.join(" · "), parts, level });
-  if (progress === "running" && mode === "live" && head < 0 && CALM.includes(level)) return result([WORDS.no_data], "advisory");
+  if (progress === "running" && mode === "live" && head < 0 && CALM.includes(level) && call === null) return result([WORDS.no_data], "advisory");
   if (!verdict && level === "none" && progress !== "running") return result([progress.toUpperCase()], "off");
-  if (!verdict || progress === "running") return result(partsOf({ ...headline, verdict }, cause), LEVEL_OF[level]);
+  const called = call && { ...call, about: aboutCall(call) };
+  if (!verdict || progress === "running") return result(partsOf({ ...headline, verdict, call: called }, cause), levelOf({ level, call }));
   if (verdict.exceeded_t === null) return result([...partsOf(headline, cause).slice(0, 1), verdict.text], LEVEL_OF[level]); // data missing
   const shown = level === "warning" ? level : "caution";
   return { words: MARKS[shown] + verdict.text, parts: [MARKS[shown] + WORDS.exceeded, verdict.text], level: LEVEL_OF[shown] };

@@ -21,7 +21,14 @@ def test_a_key_and_a_button_mark_the_flight_on_every_screen_and_in_its_record(fl
     other.goto(page.url)
     other.locator('[data-flight="open"]').wait_for()
     page.get_by_label("Speed").focus()
+    other.goto(f"{fly.site.http}/#/fly")
+    row = other.locator(f'.flight-row[data-flight="{fly.flight}"] .chip:not(.mode)')
+    expect(row).to_contain_text("PAUSED")
     page.keyboard.press("x")
+    expect(row).to_have_text("▲ ABORT · at 0.00 s, by local · PAUSED")
+    expect(row).to_have_attribute("data-level", "alert")
+    assert fly.ask("GET", f"/flights/{fly.flight}")["call"]["kind"] == "abort"
+    other.goto(page.url)
     shown = [view.locator(".marker-last > span") for view in (page, other)]
     for one in shown:
         expect(one).to_have_text(ABORT)

@@ -21,7 +21,7 @@ import { needs, reason } from "../../lib/api.js";
 import { secondsText } from "../../lib/clock.js";
 import { button, errorLine, h, put } from "../../lib/dom.js";
 import { capital } from "../../lib/numbers.js";
-import { LEVEL_OF } from "../headline.js";
+import { aboutCall, LEVEL_OF } from "../headline.js";
 
 const SET = "POST /flights/{}/markers";
 const ANSWERED = 1000; // ms
@@ -131,7 +131,7 @@ export function createFlightMarkers({ buttons, events, last, refused, entry }, {
     if (call === null) return null;
     last.dataset.level = LEVEL_OF[call.level];
     last.title = markerText(call);
-    const about = `at ${secondsText(call.t)}, by ${call.by}${calls.every(({ stored }) => stored) ? "" : " · not stored yet"}`;
+    const about = `${aboutCall(call)}${calls.every(({ stored }) => stored) ? "" : " · not stored yet"}`;
     put(last.firstChild, `${call.word} ${about}`);
     return { ...call, about };
   }
