@@ -106,7 +106,23 @@ def wait_until(page: Page, condition: str, seconds: float = 20) -> None:
     )
 
 
-def violations(page: Page) -> list[tuple[str, list[str]]]:
-    """What axe finds against WCAG: its rule, and where."""
-    found = Axe().run(page).response["violations"]
+Violations = list[tuple[str, list[str]]]
+"""Rules of axe, and where the page breaks them."""
+COLOURS = ["color-contrast", "link-in-text-block"]
+"""The rules of axe that look at colours: all that a theme changes."""
+
+
+def violations(page: Page, rules: list[str] | None = None) -> Violations:
+    """What axe finds against WCAG, or against these rules of it."""
+    only = {"runOnly": rules} if rules else {}
+    found = Axe().run(page, options={"resultTypes": ["violations"]} | only).response["violations"]
     return [(rule["id"], [node["html"] for node in rule["nodes"]]) for rule in found]
+
+
+def violations_of_themes(page: Page) -> dict[str, Violations]:
+    """What axe finds in the light theme, and of colours in the dark one; empty if nothing."""
+    page.emulate_media(color_scheme="light")
+    light = violations(page)
+    page.emulate_media(color_scheme="dark")
+    found = {"light": light, "dark": violations(page, COLOURS)}
+    return {theme: broken for theme, broken in found.items() if broken}

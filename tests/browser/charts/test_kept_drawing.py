@@ -27,7 +27,13 @@ FLY = """
     const rows = [0, 4, -4, 4 * width, -4 * width];
     const near = rows.flatMap((place) => [place, place + 4, place - 4]);
     const isFar = (value, at) => Math.abs(value - (other[at] ?? -1e9)) > 70;
-    return data.reduce((n, value, i) => n + near.every((by) => isFar(value, i + by)), 0);
+    const [words, others] = [data, other].map(({ buffer }) => new Uint32Array(buffer));
+    let n = 0;
+    for (let k = 0; k < words.length; k++) {
+      if (words[k] === others[k]) continue;
+      for (let i = 4 * k; i < 4 * k + 4; i++) n += near.every((by) => isFar(data[i], i + by));
+    }
+    return n;
   };
   const unlike = (wall) => {
     h.draw(wall);
