@@ -10,6 +10,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from sqlalchemy import (
+    DDL,
     JSON,
     BigInteger,
     Boolean,
@@ -26,6 +27,7 @@ from sqlalchemy import (
     Text,
     TypeDecorator,
     UniqueConstraint,
+    event,
     false,
 )
 
@@ -238,6 +240,13 @@ assessment_chunks = Table(
     Column("display", LargeBinary),
     _plain("display_reasons", nullable=True),
 )
+
+UNCOMPRESSED = DDL(
+    "ALTER TABLE assessment_chunks ALTER COLUMN content SET STORAGE EXTERNAL, "
+    "ALTER COLUMN display SET STORAGE EXTERNAL"
+).execute_if(dialect="postgresql")
+"""Doubles hardly shrink, and PostgreSQL spends most of the time of a large chunk in trying."""
+event.listen(assessment_chunks, "after_create", UNCOMPRESSED)
 
 alarms = Table(
     "alarms",

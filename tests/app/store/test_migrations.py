@@ -25,6 +25,7 @@ from core.dataset import Dataset
 from core.monitor import train
 from tests.support.api import api
 from tests.support.places import DATA, ROOT
+from tests.support.postgresql import PostgreSQL
 from tests.support.store_writer import add_a_job, open_by_migrations, remaining, start
 from tests.support.stored import move
 
@@ -139,6 +140,18 @@ def test_a_store_of_each_revision_is_upgraded_with_its_rows(
     assert store.revision() == REVISIONS[-1]
     assert len(store.flights.all()) == len(store.recordings.all()) == 1
     store.close()
+
+
+@pytest.mark.services
+def test_postgresql_stores_assessments_as_they_are(postgresql: PostgreSQL) -> None:
+    url = postgresql.new_database()
+    open_store(url).close()
+    stored = postgresql.run(
+        "SELECT attname FROM pg_attribute WHERE attrelid = 'assessment_chunks'::regclass "
+        "AND attstorage = 'e' ORDER BY attname",
+        url,
+    )
+    assert stored == [("content",), ("display",)]
 
 
 def test_journals_that_became_recordings_have_their_digest(url: str, path: Path) -> None:
