@@ -4,7 +4,9 @@ limits outside every manoeuvre."""
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from math import floor
+from operator import itemgetter
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -68,6 +70,14 @@ class RecordedExceedance:
     doubt: str = ""
 
 
+@dataclass(frozen=True)
+class OutsideExceedance(RecordedExceedance):
+    """One outside every manoeuvre. worst_t, worst: its sample furthest beyond the limit."""
+
+    worst_t: float | None = None
+    worst: float | None = None
+
+
 class Hole(NamedTuple):
     """Times between which a channel has no sample [s].   lost: beyond one usual step [s]."""
 
@@ -103,6 +113,7 @@ class Limited(NamedTuple):
     as_recorded: the first sample that exceeds a limit as recorded, with its bias and trim.
     failed: the first sample of these that no aircraft can reach.
     implausible: channel and time [s] of the first such value, within the limits or not.
+    worst: of each channel that exceeds a limit, the sample furthest beyond it.
     """
 
     exceedance: RecordedExceedance | None
@@ -112,6 +123,7 @@ class Limited(NamedTuple):
     as_recorded: RecordedExceedance | None = None
     failed: RecordedExceedance | None = None
     implausible: tuple[str, float] | None = None
+    worst: tuple[RecordedExceedance, ...] = ()
 
 
 def against_limits(
@@ -130,6 +142,7 @@ def against_limits(
     """
     exceedances: list[RecordedExceedance] = []
     raw: list[RecordedExceedance] = []
+    worst: list[RecordedExceedance] = []
     failed: list[RecordedExceedance] = []
     peaks: list[Peak] = []
     holes: list[Hole] = []
@@ -154,6 +167,8 @@ def against_limits(
         for judged, results, why in ((value, exceedances, ""), (recorded, raw, doubt)):
             if len(over := onsets(t, judged, low, high)):
                 results.append(_exceedance(over[0], key, t, judged, low, high, timeline, why))
+        from_trim = (value <= low) | (value >= high)
+        beyond = [(t, np.where(from_trim, value, recorded), low, high, "")]
         if trace.sent is not None and (odd := ~known & np.isfinite(trace.sent[part])).any():
             at, sent = trace.t[part][odd], trace.sent[part][odd]
             implausible.append((float(at[0]), key))
@@ -161,6 +176,8 @@ def against_limits(
             if len(over := onsets(at, sent, *ends_then)):
                 about = key, at, sent, *ends_then, timeline, NOT_PLAUSIBLE
                 failed.append(_exceedance(over[0], *about))
+                beyond.append((at, sent, *ends_then, NOT_PLAUSIBLE))
+        worst += _worst(key, beyond, rest, timeline)
         for each in ends:
             here = (low == each[0]) & (high == each[1])
             if len(t) and not here.any():
@@ -177,7 +194,24 @@ def against_limits(
     odd_t, odd_key = min(implausible, default=(0.0, ""))
     doubted = (odd_key, odd_t) if odd_key else None
     about = tuple(peaks), lost_in(holes), tuple(holes)
-    return Limited(first, *about, first_raw, first_failed, doubted)
+    return Limited(first, *about, first_raw, first_failed, doubted, tuple(worst))
+
+
+def _worst(
+    key: str,
+    parts: Sequence[tuple[Array, Array, Array, Array, str]],
+    rest: float,
+    timeline: InForceTimeline | None,
+) -> list[RecordedExceedance]:
+    """The sample furthest beyond its limit, if any is. parts: times, values, limits and doubt."""
+    found = list[tuple[float, RecordedExceedance]]()
+    for t, value, low, high, doubt in parts:
+        if len(over := onsets(t, value, low, high)):
+            shares = _shares(value[over], low[over], high[over], rest)
+            at = over[shares.argmax()]
+            exceeded = _exceedance(at, key, t, value, low, high, timeline, doubt)
+            found.append((float(shares.max()), exceeded))
+    return [max(found, key=itemgetter(0))[1]] if found else []
 
 
 def _ends_at(
@@ -210,8 +244,12 @@ def _furthest(values: Array, low: float, high: float, rest: float) -> float | No
     """The value with the largest share of the way from rest to a limit; None without values."""
     if not len(values):
         return None
-    share = np.maximum((values - rest) / (high - rest), (rest - values) / (rest - low))
-    return float(values[share.argmax()])
+    return float(values[_shares(values, low, high, rest).argmax()])
+
+
+def _shares(values: Array, low: Array | float, high: Array | float, rest: float) -> Array:
+    """Of the way from rest to the nearer limit."""
+    return np.maximum((values - rest) / (high - rest), (rest - values) / (rest - low))
 
 
 def lost_in(holes: Sequence[Hole]) -> float:
@@ -365,11 +403,17 @@ def exceedances_outside(
             parts.append((t[over], number[over], value[over], low[over], high[over], odd[over]))
         t, number, value, low, high, odd = map(np.concatenate, zip(*parts, strict=True))
         inside = (t >= starts[number] - SAME_TIME) & (t <= ends[number] + SAME_TIME)
-        exceedances += [
-            _exceedance(i, key, t, value, low, high, timeline, NOT_PLAUSIBLE if odd[i] else "")
-            for i in onsets(t, value, low, high, APART)
-            if not inside[i]
-        ]
+        begins = onsets(t, value, low, high, APART)
+        shares = _shares(value, low, high, float(limits.rest[c]))
+        for i, stop in pairwise([*begins.tolist(), len(t)]):
+            if inside[i]:
+                continue
+            doubt = NOT_PLAUSIBLE if odd[i] else ""
+            begun = _exceedance(i, key, t, value, low, high, timeline, doubt)
+            at = i + int(shares[i:stop].argmax())
+            worst = begun.doubt, float(t[at]), float(value[at])
+            about = begun.t, key, begun.value, begun.limit
+            exceedances.append(OutsideExceedance(*about, *worst))
     return tuple(sorted(exceedances, key=lambda exceedance: exceedance.t))
 
 

@@ -477,6 +477,7 @@ def _verdict(
         amplitude=amplitude(judged.inputs),
         monitor=judged.in_force[0]["monitor_name"] if flight.members else "",
         alert_above=alert_above if flight.members else None,
+        worst=limited.worst,
     )
 
 

@@ -4,6 +4,7 @@ It replays the stored assessments bit for bit and scores nothing again, so ten h
 quickly as ten seconds.
 """
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from math import nan
 from typing import Any
@@ -16,6 +17,7 @@ from app.assessment.input_checks import TrimCheck
 from app.assessment.limits_history import InForceTimeline
 from app.assessment.planned_test import PlannedTest, known_test
 from app.assessment.rulings import InForceFrom, Ruling
+from app.assessment.scorer import ReceivedExceedance
 from app.flights.planned_card import first_input
 from app.flights.sources.playback import Angles, StoredScript, onsets
 from app.recordings.scoring_answers import reason
@@ -90,6 +92,13 @@ class RecordedScript(StoredScript):
         unknown = [[nan if value is None else 0.0 for value in trim] or none for trim in known]
         self._unknown = np.array([*unknown, none])
         self._starts = np.array([s.get("first", 0) for s in manoeuvres])
+        worst = [e for s in manoeuvres for e in s.get("worst", ())]
+        far = [e for e in outside if e.get("worst_t") is not None]
+        worst += [{**e, "t": e["worst_t"], "value": e["worst"]} for e in far]
+        self._worst = defaultdict[int, list[Mapping[str, Any]]](list)
+        for each in worst:
+            self._worst[self._at(each["t"])].append(each)
+        self._envelope = None if monitor is None else monitor.envelope
         if monitor is not None:
             self._follow(monitor)
             planned = known_test(monitor)
@@ -139,6 +148,18 @@ class RecordedScript(StoredScript):
 
     def _last_manoeuvre(self, k: int) -> int:
         return max(int(np.searchsorted(self._starts, k, "right")) - 1, 0)
+
+    def received(self, k: int) -> Sequence[ReceivedExceedance]:
+        """The sensor's own worst value of an exceedance, which resampling may have lessened."""
+        ruling, received = self.ruling(k), list[ReceivedExceedance]()
+        limits = self._envelope if ruling is None else ruling.limits
+        for worst in self._worst.get(k, ()):
+            c = self.keys.index(worst["channel"])
+            if limits is not None and limits.is_beyond(c, worst["value"]):
+                y = np.full(len(self.keys), nan)
+                y[c] = worst["value"]
+                received.append(ReceivedExceedance(worst["t"], True, y, y, limits))
+        return received
 
     def exceeded(self, k: int, limits: Envelope | None) -> Exceeded | None:
         """The limit that sample k exceeds, or the recording between it and the last sample.

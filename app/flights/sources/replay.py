@@ -260,7 +260,7 @@ class TrackFlight(Flight):
         self._furthest, self._at = max(self._furthest, k), k
         self._late = script.late(k)
         self._hold(self._ruled(k), float(script.t[k]))
-        for sample in script.received(k):
+        for sample in script.received(k) if self._ruled(k) is script.ruling(k) else ():
             self.exceedances.add(sample.exceeded(script.keys), sample.y, sample.limits)
         assessment, display = self._assessed(k)
         about = self._exceeded(k), due.due, k, script.attitude(k), display

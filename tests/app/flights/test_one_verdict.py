@@ -100,6 +100,11 @@ def assert_one_verdict(ended: dict[str, Any], scoring: dict[str, Any]) -> None:
         return
     first = min(found, key=lambda each: each["t"])
     assert ended["exceedances"][0]["first_t"] == pytest.approx(first["t"])
+    worst = {each["channel"]: each["value"] for each in manoeuvre["worst"]}
+    for each in outside:
+        known = worst.get(each["channel"], 0.0), each["worst"]
+        worst[each["channel"]] = max(known, key=abs)
+    assert {each["channel"]: each["worst"] for each in ended["exceedances"]} == worst
     worded = manoeuvre["verdict"]
     if first not in outside:
         assert WARNED.sub("", verdict["text"]) == WARNED.sub("", worded["word"].split(";")[0])

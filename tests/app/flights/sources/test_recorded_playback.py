@@ -170,3 +170,24 @@ def test_a_replay_raises_the_alarm_of_an_exceedance_between_two_samples(
     (alarm,) = (alarm for alarm in raised if alarm["kind"] == "limit")
     assert alarm["t"] == 3360.02
     assert alarm["exceedance"]["value"] == 0.6
+
+
+def test_a_replay_shows_the_worst_value_that_the_sensor_gave(samples: npt.NDArray) -> None:
+    """Between two samples of the grid, in a manoeuvre and outside every one."""
+    samples["y"] = 0.0
+    about = {"channel": "Ny", "limit": None, "doubt": ""}
+    inside = {**MANOEUVRES[0], "worst": [{"t": 3360.13, "value": 0.93, **about}]}
+    outside = [{"t": 3367.5, "value": -0.7, "worst_t": 3367.53, "worst": -1.4, **about}]
+    clock = ScriptedClock()
+    monitor = exact_monitor()
+    for known, worst, t in ((outside, -1.4, 3367.53), ([], 0.93, 3360.13)):
+        played = RecordedScript(
+            samples, [inside, MANOEUVRES[1]], DT, forecasts=True, outside=known, monitor=monitor
+        )
+        about_flight = plan(monitor), played, SilentRecorder(clock), clock, lambda *how: None
+        flight = TrackFlight(*about_flight)
+        flight.start()
+        for _ in range(1200):
+            clock.advance(0.01)
+        (of_channel,) = flight.exceedances.of_channels
+        assert (of_channel.worst, of_channel.worst_t) == (worst, t)
