@@ -81,11 +81,14 @@ export function createStrip(canvas, strip) {
     face.cursors(frame);
   }
 
-  /** Least and greatest value in view, of traces and forecasts. */
-  function extremes({ parts, ahead }) {
+  /** Least and greatest value in view, of traces, forecasts and safe flights. */
+  function extremes({ parts, ahead, safe, x, width }) {
     let [low, high] = [Infinity, -Infinity];
     const band = ahead?.channels[strip.key];
     if (band) [low, high] = [Math.min(...band.low), Math.max(...band.high)];
+    const flown = safe?.channels[strip.key];
+    if (flown && safe.starts.some((start) => x(start + safe.t[0]) < width && x(start + safe.t.at(-1)) > 0))
+      [low, high] = [Math.min(low, ...flown.low), Math.max(high, ...flown.high)];
     for (const { cells } of parts) {
       for (const key of [strip.key, strip.forecast]) {
         if (key === null || !cells.range(key, out)) continue;
