@@ -35,6 +35,8 @@ class Alarm:
     """for kind `limit`"""
     reason: str | None = None
     """of a caution"""
+    channels: list[str] | None = None
+    """keys of the channels in doubt, of a caution; null where not recorded"""
     acknowledged: str | None = None
     """UTC, ISO 8601"""
     by: str | None = None

@@ -66,7 +66,6 @@ SETTLED = 0.1
 CHANGES_KEPT = 50
 """Newest changes of trim that are shown."""
 
-ALL, SINCE = "all channels", " frozen since "
 UNMOVED = "aircraft moves, surfaces do not: {}check the channel"
 
 
@@ -74,18 +73,13 @@ NONE = None, None, None
 
 
 class Doubt(NamedTuple):
-    """Why the samples are no picture of the aircraft. t: when it began [s]."""
+    """Why the samples are no picture of the aircraft. t: when it began [s].   channels: keys."""
 
     kind: DoubtKind
     level: Level
     t: float
     reason: str
-
-
-def frozen_channels(reason: str, channels: Sequence[Channel]) -> list[Channel]:
-    """Those that a `frozen` doubt with this reason is about."""
-    names = reason.partition(SINCE)[0]
-    return [c for c in channels if names == ALL or c.symbol in names.split(", ")]
+    channels: tuple[str, ...] = ()
 
 
 class InputChecks:
@@ -176,7 +170,7 @@ class TrimCheck:
                 f"{channel.symbol} counts from its trim of {channel.read(trim.item(at))}, "
                 f"{100 * self._share:.0f} % of the limit: check its zero, or fly back to trim"
             )
-            self.doubts = (Doubt("trim", level, t, reason),)
+            self.doubts = (Doubt("trim", level, t, reason, (channel.key,)),)
 
     def _note_changes(self, t: float, trim: Array, limits: Envelope, by_hand: bool) -> None:
         moved = limits.shares(limits.rest + trim - self._noted) >= SETTLED
@@ -269,16 +263,24 @@ class _Frozen:
         if t - since <= FROZEN_S or n <= FEWEST or np.isnan(y).all():
             return None
         level = Level.CAUTION if self._has_noise else Level.ADVISORY
-        return Doubt("frozen", level, since, f"{ALL}{SINCE}{since:.2f} s")
+        return Doubt(
+            "frozen",
+            level,
+            since,
+            f"all channels frozen since {since:.2f} s",
+            self._dictionary.keys,
+        )
 
     def _of_channels(self) -> Doubt:
         runs = self._recent.state.runs
         (frozen,) = np.nonzero(runs[:, kernel.IS_FROZEN])
         is_output = not set(frozen.tolist()).isdisjoint(self._dictionary.of_role("output"))
-        names = ", ".join(self._dictionary.channels[c].symbol for c in frozen.tolist())
+        channels = [self._dictionary.channels[c] for c in frozen.tolist()]
+        names = ", ".join(channel.symbol for channel in channels)
         since = runs[frozen, kernel.SINCE_T].min().item()
-        reason = f"{names}{SINCE}{since:.2f} s: check the sensor"
-        return Doubt("frozen", Level.CAUTION if is_output else Level.ADVISORY, since, reason)
+        level = Level.CAUTION if is_output else Level.ADVISORY
+        reason = f"{names} frozen since {since:.2f} s: check the sensor"
+        return Doubt("frozen", level, since, reason, tuple(channel.key for channel in channels))
 
     @property
     def _has_noise(self) -> bool:
@@ -339,7 +341,7 @@ class _Contradictions:
                     f"two sources contradict at {t:.2f} s: {values[0]} from "
                     f"{sources[first_source]}, {values[1]} from {sources[source]}: end one of them"
                 )
-            self._waiting = Doubt("contradiction", Level.CAUTION, t, reason)
+            self._waiting = Doubt("contradiction", Level.CAUTION, t, reason, (channel.key,))
 
 
 class _Surfaces:

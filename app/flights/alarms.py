@@ -9,7 +9,8 @@ sample still has their cause. The next onset raises a new alarm, unless
 - the latest alarm of its kind is unacknowledged and ended less than REJOIN_S ago: a flicker is one
   alarm, or
 - it is flown again after a restart: an onset of a source is one alarm, acknowledged once.
-While a monitor stays withdrawn, channels that go missing are an onset of their own.
+While a monitor stays withdrawn, channels that go missing are an onset of their own. So is an
+exceedance as recorded after one beyond any plausible value, and one from trim after either.
 """
 
 from collections.abc import Collection, Sequence
@@ -22,7 +23,7 @@ from app.assessment.input_checks import DOUBT_KINDS, Doubt
 from app.flights.clock import Clock
 from app.flights.verdict import exceeds_from_trim
 from core.flight_events import Alarm
-from core.limits.exceedance import Exceeded
+from core.limits.exceedance import NOT_PLAUSIBLE, Exceeded, MeasuredExceedance
 from core.monitor import Assessment, State
 from core.monitor.assessment import Cause
 from core.monitor.status import ALARM_LEVELS, AlarmKind, Level
@@ -46,6 +47,13 @@ def gives_alarm(kind: AlarmKind, assessment: Assessment) -> bool:
     return assessment.state is State.INVALID and assessment.cause is not Cause.BETWEEN
 
 
+def certainty_of(exceedance: MeasuredExceedance, doubt: str) -> int:
+    """2 from trim, 1 as recorded, 0 by a value beyond any plausible one."""
+    if exceedance.judged != "recorded":
+        return 2
+    return 0 if NOT_PLAUSIBLE in doubt else 1
+
+
 class Onsets:
     """The onsets of one condition, and which of them raise an alarm.
 
@@ -67,8 +75,7 @@ class Onsets:
 
     def renew(self) -> None:
         """Take a sample of a condition that goes on for an onset of its own."""
-        if self.is_active:
-            self.is_active, self._latest = False, ""
+        self.is_active, self._latest = False, ""
 
     def forget(self) -> None:
         """Raise an alarm at the next onset also where the condition held before."""
@@ -112,6 +119,7 @@ class Alarms:
         self._onsets: dict[AlarmKind, Onsets] = {kind: Onsets() for kind in ALARM_LEVELS}
         self._may_be_active = False
         self._missing: set[str] = set()
+        self._certainty = 0
         self._evidence: dict[str, Alarm] = {}
         self._risks: list[Alarm] = []
 
@@ -185,6 +193,8 @@ class Alarms:
         if only is not None and ALARM_LEVELS[only] is Level.WARNING:
             self._onsets[only].is_active = False
         at, measured, doubt = (t, None, "") if exceedance is None else exceedance
+        if measured is not None:
+            self._renew_limit(measured, doubt)
         why_limit = "; ".join(filter(None, (beyond, doubt)))
         conditions: tuple[tuple[AlarmKind, float, bool, str | None], ...] = (
             ("limit", at, exceedance is not None, why_limit or None),
@@ -219,6 +229,7 @@ class Alarms:
         seq: of the newest grid sample.   reason: what is in doubt of it; empty for nothing.
         """
         t, exceedance, _ = exceeded
+        self._renew_limit(exceedance, reason)
         about = {"t": t, "exceedance": exceedance, "reason": reason or None}
         return self._begin("limit", seq, t, clock, seq, **about)
 
@@ -234,8 +245,9 @@ class Alarms:
         for kind in DOUBT_KINDS:
             self._onsets[kind].is_active &= kind in kinds
         raised = []
-        for kind, _, t, reason in cautions:
-            raised += self._begin(kind, seq, clock.now(), clock, index, t=t, reason=reason)
+        for kind, _, t, reason, channels in cautions:
+            about = {"t": t, "reason": reason, "channels": list(channels) or None}
+            raised += self._begin(kind, seq, clock.now(), clock, index, **about)
         return raised
 
     def _begin(
@@ -250,6 +262,11 @@ class Alarms:
             return []
         return [self._raise(kind, seq=seq, p_value=None, raised=clock.utc(), **about)]
 
+    def _renew_limit(self, exceedance: MeasuredExceedance, doubt: str) -> None:
+        """Take an exceedance that is more certain than the latest alarm for a new onset."""
+        if certainty_of(exceedance, doubt) > self._certainty:
+            self._onsets["limit"].renew()
+
     def _raise(self, kind: AlarmKind, **about: Any) -> Alarm:
         self._number += 1
         alarm = Alarm(self._number, kind=kind, level=ALARM_LEVELS[kind], **about)
@@ -261,6 +278,8 @@ class Alarms:
     def _keep_evidence(self, alarm: Alarm) -> None:
         if alarm.level is not Level.WARNING:
             return
+        if alarm.exceedance is not None:
+            self._certainty = certainty_of(alarm.exceedance, alarm.reason or "")
         evidence, t = self._evidence, attrgetter("t")
         if alarm.kind == "risk":
             first = evidence.get("from trim")

@@ -9,7 +9,6 @@ import numpy as np
 from pydantic import BaseModel
 
 from app.assessment.coverage import why_exceedance_unknown
-from app.assessment.input_checks import frozen_channels
 from app.assessment.outcome import holes_in
 from app.flights.display_monitors import stated_delay
 from app.flights.verdict import (
@@ -212,10 +211,10 @@ def _doubt(
         return None
     known = np.isfinite(y)
     limited, dictionary = _limited(info, used), Dictionary.from_stored(used[0].dictionary)
-    for reason in (alarm.reason or "" for alarm in alarms if alarm.kind == "frozen"):
-        frozen = frozen_channels(reason, dictionary.channels)
-        if not limited.isdisjoint(channel.key for channel in frozen):
-            return data_missing(reason)
+    for alarm in alarms:
+        is_limited = not (alarm.channels and limited.isdisjoint(alarm.channels))
+        if alarm.kind == "frozen" and is_limited:  # which ones, old alarms do not record
+            return data_missing(alarm.reason or "")
     holes = [
         hole
         for key, is_known in zip(dictionary.keys, known.T, strict=True)

@@ -102,11 +102,16 @@ class FlightRecords:
         live = await self.live_status(flight_id)
         return live.trims if live else None
 
-    async def end_reason(self, flight_id: str) -> str:
-        """Why and by whom a live flight was ended; empty if its journal has no reason. OSError."""
-        if self._under_way.get(flight_id) is not None or self._journals is None:
+    async def end_reason(self, info: FlightInfo) -> str:
+        """Why and by whom a flight was ended; of older records in the journal only. OSError.
+
+        Empty where it is not recorded.
+        """
+        if self._under_way.get(info.id) is not None:
             return ""
-        return str((await asyncio.to_thread(self._journals.last, flight_id)).get("reason", ""))
+        if info.end_reason is not None or self._journals is None:
+            return info.end_reason or ""
+        return str((await asyncio.to_thread(self._journals.last, info.id)).get("reason", ""))
 
     def _stored_frames(self, flight_id: str, first: int, last: int) -> list[dict[str, Any]]:
         stored = self._store.flights.assessments(flight_id, first, last)

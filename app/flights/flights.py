@@ -59,9 +59,10 @@ class TooManyFlights(RuntimeError):
 
 @dataclass
 class _Ending:
-    """A flight that is ending: its final status, and the progress of ending it."""
+    """A flight that is ending: its final status and why, and the progress of ending it."""
 
     status: str
+    reason: str
     has_stopped: bool = False
     lock: asyncio.Lock = field(default_factory=asyncio.Lock)
     timer: Timer | None = None
@@ -340,7 +341,7 @@ class Flights:
         flight = self.get(flight_id)
         if flight is None:
             return
-        ending = self._endings.setdefault(flight_id, _Ending(status))
+        ending = self._endings.setdefault(flight_id, _Ending(status, reason))
         async with ending.lock:
             if flight_id not in self._endings:
                 return
@@ -352,7 +353,8 @@ class Flights:
             try:
                 result = flight.exceeded_t, flight.exceedances.of_channels
                 held = list(flight.in_force.of_record)
-                await flight.recorder.complete(ending.status, *result, held, flight.journal_digest)
+                how = held, flight.journal_digest, ending.reason
+                await flight.recorder.complete(ending.status, *result, *how)
             except StoreError:
                 self._stop_later(flight_id, ending)
                 raise

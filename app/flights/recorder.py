@@ -191,11 +191,13 @@ class Recorder:
         exceedances: Sequence[ChannelExceedances] = (),
         held: Sequence[LimitsFrom] | None = None,
         journal_digest: str | None = None,
+        end_reason: str | None = None,
     ) -> None:
         """Write the rest of the record and the end of the flight. StoreError: it can be retried.
 
         exceeded_t: first exceedance [s].   exceedances: per channel.
         held: limits that were in force; None if unknown.   journal_digest: of a live flight.
+        end_reason: why it ended, and who ended it.
         """
         if not await self.flush():
             raise StoreError(
@@ -205,8 +207,8 @@ class Recorder:
         self._stop_timer()
         result = [asdict(exceedance) for exceedance in exceedances]
         limits = None if held is None else [limits.model_dump() for limits in held]
-        end = self._store.flights.end
-        await self._run(end, self._flight_id, status, exceeded_t, result, limits, journal_digest)
+        about = status, exceeded_t, result, limits, journal_digest, end_reason
+        await self._run(self._store.flights.end, self._flight_id, *about)
 
     def give_up(self) -> None:
         """Count what the store still refuses as lost."""

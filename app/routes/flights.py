@@ -132,8 +132,7 @@ class FlightStatus(Decided):
     unwritten: int | None = Field(default=None, description="samples not stored yet")
     end_reason: str = Field(
         default="",
-        description="why an ended live flight ended, and who ended it; empty in lists and "
-        "where its journal has no reason",
+        description="why a flight ended, and who ended it; empty where it was not recorded",
     )
     recording: str | None = Field(
         default=None, description="id of the recording made of an ended live flight"
@@ -259,7 +258,7 @@ async def read_flight(flight_id: str, flights: FlightsDep) -> FlightStatus:
     info = await asyncio.to_thread(flights.store.flights.info, flight_id)
     status = (await _statuses(flights, [info], anew=True))[0]
     records = flights.records
-    live, why = await records.live_status(flight_id), await records.end_reason(flight_id)
+    live, why = await records.live_status(flight_id), await records.end_reason(info)
     return status.model_copy(update={"live": live, "end_reason": why})
 
 
@@ -444,6 +443,7 @@ def _status(
         }
     seen = flight or record
     now = seen.headline if seen else headline(Facts(stale=True))
+    known["end_reason"] = info.end_reason or ""
     return FlightStatus(**known | now._asdict())
 
 

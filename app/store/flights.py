@@ -101,6 +101,8 @@ class FlightInfo(Entry):
     """recording made from its journal, even if deleted since; null if none was made"""
     journal_digest: str | None
     """SHA-256 of its journal, once that is complete; null if none is recorded"""
+    end_reason: str | None
+    """why it ended, and who ended it; null if none is recorded"""
     recording: str | None
     """id of that recording; null if it does not exist"""
     head: int | None
@@ -187,12 +189,13 @@ class FlightRepository(Entries[FlightInfo]):
         exceedances: list[dict[str, Any]] | None = None,
         limits_held: list[dict[str, Any]] | None = None,
         journal_digest: str | None = None,
+        end_reason: str | None = None,
     ) -> FlightInfo:
         """End a flight; one that has already ended is left unchanged.
 
         exceeded_t: first exceedance [s].   exceedances: per channel, plain data.
         limits_held: limits in force and since when, plain data.
-        journal_digest: SHA-256 of its complete journal.
+        journal_digest: SHA-256 of its complete journal.   end_reason: why, and by whom.
         """
         if not status or status == "running":
             raise ValueError(f"a flight cannot end as {status!r}: give one word for how it ended")
@@ -200,7 +203,7 @@ class FlightRepository(Entries[FlightInfo]):
         with self._writing() as connection:
             ending = {"status": status, "ended": now(), "exceeded_t": exceeded_t}
             ending |= {"exceedances": exceedances, "limits_held": limits_held}
-            ending |= {"journal_digest": journal_digest}
+            ending |= {"journal_digest": journal_digest, "end_reason": end_reason}
             connection.execute(update(flights).where(running).values(**ending))
             over = self._fetch(connection, flight_id)
         self.on_change()

@@ -217,6 +217,7 @@ flights = Table(
     Column("keep", Boolean, nullable=False, server_default=false()),
     Column("recording_id", String(2 * ID_BYTES), index=True),
     Column("journal_digest", String(64)),
+    Column("end_reason", Text),
     Index(None, "created", "id"),
 )
 
@@ -261,6 +262,7 @@ alarms = Table(
     Column("level", String(16), nullable=False, server_default="warning"),
     _plain("exceedance", nullable=True),
     Column("reason", Text),
+    _plain("channels", nullable=True),
     _time("raised", nullable=False),
     _time("acknowledged"),
     Column("by", Text),

@@ -250,7 +250,8 @@ class TrackFlight(Flight):
             self._wait_at_end()
             return
         minutes = LEFT_S / 60.0
-        self._end("ended", f"it was at its end and was not steered for {minutes:g} minutes")
+        after = f"after {minutes:g} minutes at its end without a command"
+        self._end("ended", f"the flight was ended by the server {after}")
 
     def _fly_due(self, due: Due) -> None:
         script, k = self._script, due.sample

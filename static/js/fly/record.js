@@ -58,7 +58,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
   const gauge = createRiskGauge(panels.gauge);
   const source = sourceText(flight.source, flight.name);
   const nothing = { age: NaN, latency: NaN, skipped: 0, lost: flight.lost, unwritten: 0, problem: "", utc: null };
-  const shown = { mode: flight.mode, source, monitor: [flight.monitor_set?.name ?? flight.monitor], warnings: flight.warnings, link: "over", staleAfter: 1, playing: false, live: false, headline: null, figures: nothing };
+  const shown = { mode: flight.mode, source, monitor: [flight.monitor_set?.name ?? flight.monitors[0].name], warnings: flight.warnings, link: "over", staleAfter: 1, playing: false, live: false, headline: null, figures: nothing };
   const alertAbove = alertLevel(flight);
   const isLive = flight.mode === "live";
   const late = flight.live?.late ?? [];
@@ -149,8 +149,6 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
       api.get("/catalog"), api.get(`/monitors/${flight.monitor ?? flight.monitor_set.conditions[0].monitor}`), api.get(`${path}/alarms`), readFrames(), marked, flight.monitor_set === null ? api.get(`${path}/limits`) : [],
     ]);
     if (closed) return;
-    if (flight.monitor_set === null) shown.monitor = [monitor.name];
-    status.update(shown);
     const { passes, longest } = longestPass(frames);
     const held = heldDuring(flight.limits_held ?? [], longest);
     const newest = held.findLast(({ limits }) => limits !== null)?.limits ?? {};
@@ -260,8 +258,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
 function because(why) {
   const [, by] = why.match(/^the flight was ended( by .*)$/) ?? [];
   if (by !== undefined) return by;
-  if (why.includes("server")) return ": the server stopped";
-  return why.startsWith("it was at its end") ? `: ${why}` : "";
+  return why.includes("server") ? ": the server stopped" : "";
 }
 
 /** When a live flight was ended. */

@@ -39,7 +39,9 @@ export function interval([low, high], digits = 1) {
 
 export function figure(number, digits = 3) {
   if (number == null) return "–";
-  return String(Number(number.toPrecision(digits))).replaceAll("-", "−").replace("e+", "e");
+  const short = Number(number.toPrecision(digits));
+  const text = Math.abs(short) < READABLE ? String(short) : short.toExponential();
+  return text.replaceAll("-", "−").replace("e+", "e");
 }
 
 export function rounded(number) {

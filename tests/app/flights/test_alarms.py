@@ -5,7 +5,7 @@ from functools import partial
 import pytest
 
 from app.flights.alarms import CLOSED_KEPT, REJOIN_S, Alarms
-from core.limits.exceedance import Exceeded, MeasuredExceedance
+from core.limits.exceedance import NOT_PLAUSIBLE, Exceeded, MeasuredExceedance
 from core.monitor import Assessment, State
 from core.monitor.assessment import Cause
 from core.monitor.status import BETWEEN, Level, cause_of
@@ -51,6 +51,24 @@ def exceed(alarms: Alarms, script: str, state: State = State.INVALID) -> list[tu
         over = Exceeded(seq * DT, OVER) if word == "1" else None
         raised += [(a.seq, a.kind) for a in alarms.update(seq, seq, said, over, clock)]
     return raised
+
+
+def test_a_surer_exceedance_rings_once_without_a_break() -> None:
+    """A value that no aircraft reaches, then one as recorded, then one from trim, and back."""
+    odd = MeasuredExceedance(channel="Ny", value=1e12, limit=0.5, judged="recorded")
+    sure = Exceeded(0.0, OVER)
+    kinds = {"o": Exceeded(0.0, odd, NOT_PLAUSIBLE), "r": Exceeded(0.0, odd), "1": sure, "0": None}
+    alarms, clock, rang = Alarms(), ScriptedClock(), []
+    for seq, word in enumerate("oorr110101r1o"):
+        said = Assessment(seq * DT, None, None, State.INVALID, BETWEEN, cause=Cause.BETWEEN)
+        rang += [a.seq for a in alarms.update(seq, seq, said, kinds[word], clock)]
+    assert rang == [0, 2, 4]
+    received, rang = Alarms(), []
+    for seq, word in enumerate("oo1o1"):
+        exceeded = kinds[word]
+        assert exceeded is not None
+        rang += [a.seq for a in received.exceed(seq, exceeded, exceeded.doubt, clock)]
+    assert rang == [0, 2]
 
 
 CALM = "0" * (round(REJOIN_S / DT) + 1)

@@ -162,6 +162,7 @@ def test_one_frozen_channel_is_a_caution_in_flight_and_in_its_replay(server: Liv
     assert (alarm["kind"], alarm["level"]) == ("frozen", "caution")
     assert alarm["t"] == pytest.approx(t[80])
     assert "N_y" in alarm["reason"]
+    assert alarm["channels"] == ["Ny"]
     assert not flight.is_calm
     flight.acknowledge(alarm)
     assert flight.replayed() == [(alarm["kind"], alarm["t"], alarm["reason"])]
@@ -225,3 +226,11 @@ def test_journals_name_the_sender_of_each_batch(server: LiveServer) -> None:
     flight.push(np.arange(3) * DT, noise(3))
     journal: Path = server.root / "live" / f"{flight.id}.jsonl"
     assert '"v":"REST 127.0.0.1:' in journal.read_text()
+
+
+def test_why_a_simulated_flight_ended_is_in_its_record(server: LiveServer) -> None:
+    flights = f"{server.url}/api/v1/flights"
+    body = {"source": {"kind": "simulated"}, "monitor": server.monitor_id}
+    flight = f"{flights}/{httpx2.post(flights, json=body).raise_for_status().json()['id']}"
+    httpx2.post(f"{flight}/end", json={"by": "Ann"}).raise_for_status()
+    assert httpx2.get(flight).json()["end_reason"] == "the flight was ended by Ann"

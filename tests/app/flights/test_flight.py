@@ -205,7 +205,7 @@ def test_left_at_its_end_a_flight_is_over_by_itself(exact: Monitor, failing: Arr
     flown.clock.advance(LEFT_S - 1.0)
     assert flown.over == []
     flown.clock.advance(1.0)
-    said = "it was at its end and was not steered for 10 minutes"
+    said = "the flight was ended by the server after 10 minutes at its end without a command"
     assert flown.over == [("ended", said)]
     flown.seen.take()
     assert flown.seen.messages[-1] == {"type": "end", "reason": said}
