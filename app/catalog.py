@@ -58,7 +58,13 @@ from core.planned_test.nonlinear_test import JsbsimTest, NonlinearTest
 from core.planned_test.planned_test import ManeuverTest
 from core.recipe import FAMILIES, Family, family_of
 from core.simulation.aircraft import Aircraft
-from core.simulation.jsbsim import JsbsimAircraft, aircraft_names, is_installed, usual_condition
+from core.simulation.jsbsim import (
+    JsbsimAircraft,
+    aircraft_names,
+    is_installed,
+    known_trim,
+    usual_condition,
+)
 from core.simulation.maneuver import Maneuver
 from core.simulation.pilot import usual_pilot
 
@@ -235,7 +241,8 @@ def schema_of(member: Any) -> dict[str, Any]:
         if unit := unit_of(field.name, "" if isinstance(value, tuple) else words):
             entry["x-unit"] = unit
         if "enum" in entry:
-            entry["x-labels"] = [choice_label(field.name, choice) for choice in entry["enum"]]
+            label_of = _jsbsim_label if isinstance(member, JsbsimAircraft) else choice_label
+            entry["x-labels"] = [label_of(field.name, choice) for choice in entry["enum"]]
         properties[name] = entry
     return {
         "type": "object",
@@ -244,6 +251,11 @@ def schema_of(member: Any) -> dict[str, Any]:
         "properties": properties,
         "additionalProperties": False,
     }
+
+
+def _jsbsim_label(parameter: str, choice: str) -> str:
+    unknown = parameter == "model" and known_trim(choice) is None
+    return f"{choice} (no known trim)" if unknown else choice
 
 
 @cache

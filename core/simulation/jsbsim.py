@@ -154,9 +154,13 @@ JSBSIM_AIRCRAFT = family("jsbsim_aircraft", JsbsimAircraft, {"jsbsim": JsbsimAir
 
 
 def usual_condition(model: str) -> tuple[float, float]:
-    """Altitude [m] and Mach number that suit an aircraft: of those of USUALLY the one where it has
-    a trim; those of a jet for an unknown one."""
-    return next((at for at, models in USUALLY.items() if model in models.split()), JET)
+    """Altitude [m] and Mach number that suit an aircraft; those of a jet without a known trim."""
+    return known_trim(model) or JET
+
+
+def known_trim(model: str) -> tuple[float, float] | None:
+    """That of USUALLY in which an aircraft has a trim; None if none is known."""
+    return next((at for at, models in USUALLY.items() if model in models.split()), None)
 
 
 def is_installed() -> bool:
