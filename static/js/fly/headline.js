@@ -44,6 +44,8 @@ const MARKS = { warning: "▲ ", caution: "◆ ", advisory: "", none: "✓ " };
 const LEVELS = { exceeding: "warning", alarm: "warning", risk: "warning", stale: "caution", invalid: "caution", caution: "caution" };
 
 export function headlineOf(server, { stale, alarms, blank = false }) {
+  if (!stale && alarms > 0 && WORST_FIRST.indexOf(server.status) > WORST_FIRST.indexOf("alarm"))
+    return { ...server, status: "alarm", level: LEVELS.alarm }; // it came before the server's headline
   if (!stale) return blank && CALM.includes(server.level) ? { ...server, status: "no_data", level: "advisory" } : server;
   const known = [server.status, ...server.beside].filter((status) => !NOW.includes(status));
   const holds = [...known, "stale", ...(alarms > 0 ? ["alarm"] : [])];

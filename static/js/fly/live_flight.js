@@ -37,6 +37,7 @@ import { createTestCard } from "./test_card.js";
 import { createWall } from "./wall.js";
 
 const STATUS_EVERY = 200; // ms
+const SOON = 2; // s
 export const tone = createTone(); // one for the page: a browser lets it sound after the first touch
 
 const NO_DATA = "NO DATA. The scene begins with the first sample.";
@@ -86,6 +87,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   let isStored = true; // by the last heartbeat
   let decided = null; // the server's headline
   let resets = 0; // of the strips
+  let alarmed = -Infinity; // time of the newest alarm of a live source, which may come before its sample [s]
   let cautioned = false; // about stale samples, which only this page knows
 
   const backfill = createBackfill({ api, path, insert: (frames, complete) => display.chart.insert(frames, complete) });
@@ -207,6 +209,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
 
   function onAlarm(raisedAlarm) {
     const { number, t, level, kind, acknowledged } = raisedAlarm;
+    if (hello.live) alarmed = Math.max(alarmed, t);
     const fresh = !raised.has(number);
     raised.add(number);
     alarm.onAlarm(raisedAlarm);
@@ -389,7 +392,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   function show(wall) {
     const condition = display?.refresh(wall) ?? null;
     const headline = condition && { ...condition, call: markers.show(manoeuvres(), display.t ?? -Infinity) };
-    transport.moved(display?.chart.newest ?? null);
+    transport.moved(timeOf(display?.chart.newest ?? null));
     if (hello?.transport.seekable) following.draw(behind(wall));
     const text = `${connection.link} ${headline === null ? "" : textOf(headline, display.withdrawal)}`;
     if (text === shown.text && wall - shown.wall < STATUS_EVERY) return;
@@ -416,6 +419,11 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     });
   }
 
+  /** The clock is never behind an alarm: of the newest sample drawn [s], or an alarm shortly after it. */
+  function timeOf(t) {
+    return t !== null && alarmed > t && alarmed - t < SOON ? alarmed : t;
+  }
+
   function showWall(headline, utc) {
     if (headline === null) return wallView.show({ words: [connection.link.toUpperCase()], level: "advisory", mode: described.mode, utc });
     const [state, beside] = partsOf(headline, display.withdrawal);
@@ -428,7 +436,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
       mode: hello.mode,
       name: [hello.name, described.monitor[0]].join(" · "),
       utc,
-      t: display.t,
+      t: timeOf(display.t),
       channels: hello.channels,
       y: isStale(headline) ? null : display.y,
       sensor: display.newest?.sensor,

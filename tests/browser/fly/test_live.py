@@ -91,8 +91,13 @@ def test_a_link_that_is_cut_before_the_first_sample_is_stale_everywhere(
     own_live: Live, relay: Relay, silent: bool
 ) -> None:
     live, page = own_live, own_live.page
-    is_cut = False
-    routes = relay(to_page=lambda text, _: None if is_cut else text, is_cut=lambda: is_cut)
+    is_cut = is_slow = False
+
+    def to_page(text: Text, _: int) -> Text | None:
+        waits = is_slow and json.loads(text)["type"] in ("frames", "status")
+        return None if is_cut or waits else text
+
+    routes = relay(to_page=to_page, is_cut=lambda: is_cut)
     live.begin()
     live.state_says("NO DATA")
     is_cut = True
@@ -108,6 +113,13 @@ def test_a_link_that_is_cut_before_the_first_sample_is_stale_everywhere(
     live.connected()
     live.state_says("NO DATA")
     expect(page.locator(".source-address h2")).to_have_text(re.compile("^NO DATA"))
+    live.send(0, 0, 5)
+    clock = page.locator(".transport-time")
+    expect(clock).to_contain_text("0.2")
+    is_slow = True
+    live.send(1, 10, ny=0.6)  # its alarm comes before its sample
+    live.state_says("ALARM")
+    expect(clock).to_contain_text("0.50 s")
 
 
 def test_a_key_begins_a_manoeuvre_which_is_listed_and_cannot_begin_twice(live: Live) -> None:
