@@ -57,7 +57,7 @@ def test_a_picture_drawn_bit_by_bit_is_the_one_drawn_at_once(
     page.set_viewport_size({"width": size[0], "height": size[1]})
     unlike = run(
         page,
-        f"{FLY} fly(24, 40, 0.1); const found = [];"
+        f"{FLY} fly(24, 40, 0.25); const found = [];"
         "found.push(unlike(fly(40, 43)));"
         "h.timeline.setHover(0.5); found.push(unlike(43020));"
         "h.timeline.setHover(null); fly(43, 45); h.chart.flag({ key: 'p', t: 44, word: 'MARK' });"
@@ -75,7 +75,7 @@ def test_a_turn_draws_what_is_new_whatever_is_in_view(strips: Open) -> None:
     lines = run(
         page,
         f"""{FLY}
-        fly(0, 130, 0.1);
+        fly(0, 130, 0.5);
         let drawn = 0;
         const pen = CanvasRenderingContext2D.prototype;
         const {{ lineTo }} = pen;
