@@ -89,8 +89,8 @@ def test_a_new_manoeuvre_takes_a_call_from_the_headline(fly: Fly) -> None:
     fly.state_says("▲ ABORT")
 
 
-def test_the_wall_gives_one_line_each_to_a_call_and_an_exceedance(fly: Fly) -> None:
-    page = fly.page
+def test_the_wall_gives_one_line_each_to_a_call_and_an_exceedance(own_fly: Fly) -> None:
+    fly, page = own_fly, own_fly.page  # no window that still leaves the full screen
     fly.watch(UNSAFE, ("pause", None), ("seek", 3.0), ("seek", 0.0))
     for alarm in fly.ask("GET", f"/flights/{fly.flight}/alarms"):
         fly.ask("POST", f"/flights/{fly.flight}/alarms/{alarm['id']}/acknowledge", {})
