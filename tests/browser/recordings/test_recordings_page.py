@@ -10,6 +10,7 @@ import pytest
 from playwright.sync_api import Locator, Page, Route, expect
 
 from core.channels import KEYS
+from core.monitor.monitor_set import MonitorCase, MonitorSet
 from tests.browser.recorded_site import (
     BAD_LINE,
     OUTCOMES,
@@ -518,3 +519,33 @@ def test_a_long_name_fits_at_every_width(page: Page, site: RecordedSite) -> None
         for width in (1440, 1024, 420):
             page.set_viewport_size({"width": width, "height": 800})
             assert overflow(page) <= 0, (address, width)
+
+
+def test_a_recording_without_the_condition_is_scored_by_a_set_that_is_given_it(
+    page: Page, site: RecordedSite, allowed_errors: list[str], tmp_path: Path
+) -> None:
+    allowed_errors += ["422 (Unprocessable"]
+    info = site.store.monitors.all()[0]
+    cases = (
+        MonitorCase("slow", {"mach": (None, 0.8)}, info),
+        MonitorCase("fast", {"mach": (0.8, None)}, info),
+    )
+    site.store.monitor_sets.add("declared", MonitorSet(cases), "Ann")
+    recording = site.upload("undeclared.csv")
+    site.confirm(recording)
+    page.goto(f"{site.http}/#/recordings/{recording}")
+    form = page.locator("form.score-form")
+    mach = form.get_by_label("Mach number for declared")
+    expect(form.locator("input[type=checkbox]:checked")).not_to_have_count(0, timeout=SLOW)
+    expect(mach).to_be_hidden()
+    for box in form.locator(".monitor-choice input[type=checkbox]:checked").all():
+        box.uncheck()
+    form.get_by_label("declared", exact=True).check()
+    form.get_by_role("button", name="Score", exact=True).click()
+    expect(form.get_by_role("alert").last).to_contain_text("Mach number is missing", timeout=SLOW)
+    mach.fill("0.9")
+    for scheme in ("light", "dark"):
+        page.emulate_media(color_scheme=scheme)
+        form.screenshot(path=tmp_path / f"condition-{scheme}.png")
+    form.get_by_role("button", name="Score", exact=True).click()
+    expect(page.get_by_role("region", name="Verdicts")).to_contain_text("fast", timeout=SLOW)
