@@ -4,9 +4,9 @@ Start at `score`: it returns one table of samples and one verdict for each manoe
 """
 
 from app.assessment.recorded import MissingChannels
-from app.assessment.score import manoeuvres_in, score, score_at_each
+from app.assessment.score import score, score_at_each
 from app.assessment.scored import BETWEEN, ScoredManoeuvre, ScoredRecording, sample_type
-from app.assessment.segments import Interval, ScoringRecipe
+from app.assessment.segments import Interval, ScoringRecipe, manoeuvres_in
 
 __all__ = [
     "BETWEEN",

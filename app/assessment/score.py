@@ -1,18 +1,15 @@
 """Scoring: from recorded channels to a verdict on each manoeuvre. Deterministic."""
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from app.assessment.compatibility import compatibility
 from app.assessment.coverage import why_outcome_unknown, why_warning_unknown
 from app.assessment.limits_history import LimitsHistory, SetHistory
-from app.assessment.monitors_in_use import MonitorRuling, MonitorsInUse, needs_beginning
 from app.assessment.outcome import (
     MOST_OUTSIDE,
     Limited,
@@ -28,16 +25,24 @@ from app.assessment.recorded import RecordedFlight, sizes_of
 from app.assessment.scored import (
     BETWEEN,
     BLOCK,
+    Level,
     ScoredManoeuvre,
     ScoredRecording,
     Validity,
+    level_of,
     sample_type,
 )
-from app.assessment.segments import Interval, ScoringRecipe, Segment, detected_segments, segments
-from app.assessment.validity import AssessedSegment, under_limits, validity
+from app.assessment.segments import (
+    ScoringRecipe,
+    Segment,
+    by_monitor,
+    segments,
+)
+from app.assessment.validity import AssessedSegment, final_withdrawal, under_limits, validity
 from app.assessment.wording import guarantee, limits_remarks, remarks, withdrawn
 from app.telemetry.contents import release
-from app.telemetry.recording import ATTITUDE, Recording, TelemetryError
+from app.telemetry.mapping.motion import compatibility
+from app.telemetry.recording import ATTITUDE, Recording
 from app.telemetry.timing.repair import RepairedTraces
 from core.channels import LATERAL
 from core.evaluation.certificate import use_of
@@ -48,9 +53,6 @@ from core.monitor.calibration import smallest_epsilon
 from core.monitor.validity.flown_input import FlownInput, amplitude
 from core.types import Array, Flags
 
-Level = tuple[float, float]
-"""Accepted miss rate, and the risk above which a sample alerts."""
-USUAL = ScoringRecipe().to_plain()
 JUDGED_TOGETHER = 64
 """Release the mapped columns from memory after this many segments."""
 INVALID, WARMING_UP = STATES.index(State.INVALID), STATES.index(State.WARMING_UP)
@@ -89,7 +91,7 @@ def score_at_each(
     levels = [level_of(monitor, epsilon) for epsilon in epsilons]
     flight = RecordedFlight.of(monitor, recorded, history)
     flight = _with_use(flight, digest)
-    usual = recipe.to_plain() | {"epsilon": None} == USUAL
+    usual = replace(recipe, epsilon=None) == ScoringRecipe()
     if recorded.flown is not None and recorded.flown.is_trimmed and usual:
         recipe = replace(recipe, trim=None, manoeuvres="entire")  # as in the flight
     followed = flight.manoeuvres if recipe.manoeuvres == "detected" else ()
@@ -97,7 +99,7 @@ def score_at_each(
     members = [_with_use(flight.by(member), digest) for member in flight.members]
     parts = [(flight, segment) for segment in selected]
     if isinstance(history, SetHistory):
-        parts, unused = _by_monitor(flight, members, history.in_use, selected)
+        parts, unused = by_monitor(flight, members, history.in_use, selected)
         notes = (*notes, *unused)
     judged = _judge_all(flight, parts)
     outside = _outside(flight, judged)
@@ -130,62 +132,6 @@ def _with_use(flight: RecordedFlight, digest: str) -> RecordedFlight:
         return flight
     sizes = sizes_of(flight.traces, flight.monitor.dictionary)
     return replace(flight, use=use_of(evaluation, digest, sizes))
-
-
-def _by_monitor(
-    flight: RecordedFlight,
-    members: Sequence[RecordedFlight],
-    in_use: MonitorsInUse,
-    selected: Sequence[Segment],
-) -> tuple[list[tuple[RecordedFlight, Segment]], list[str]]:
-    """The segments in parts, each with the monitor in use as in flight; and notes on the others.
-
-    TelemetryError where no monitor is in use in any of them.
-    """
-    t, y, timeline = flight.recording.t, flight.recording.y, flight.timeline
-    assert timeline is not None
-    index = timeline.index(t)
-    edges = [*np.flatnonzero(np.diff(index, prepend=-1)).tolist(), len(t)]
-    controls = np.abs(y[:, flight.planned.controls])
-    has_moved = np.maximum.accumulate(~(controls <= in_use.departure()).all(axis=1))
-    parts, unused = list[tuple[RecordedFlight, Segment]](), list[str]()
-    for segment in selected:
-        trim = segment.trim_of(y, flight.monitor.dictionary)
-        begin = segment.first if segment.onset is None else segment.onset
-        for first, stop in pairwise(edges):
-            ruling = timeline.rulings[index[first]]
-            start, last = max(begin, first), min(segment.last, stop - 1)
-            if start > last or not isinstance(ruling, MonitorRuling):
-                continue
-            if ruling.used is None:
-                times = f"{t[start]:.2f} to {t[last]:.2f} s"
-                unused.append(f"{segment.name}, {times}: no monitor in use, {ruling.reason}.")
-                continue
-            part = segment._replace(last=last, trim=trim, since=first)
-            if start > begin:
-                is_moving = segment.onset is not None or bool(has_moved[start])
-                monitor = in_use.monitor(ruling.used)
-                why = needs_beginning(monitor, ruling.case, float(t[start])) if is_moving else ""
-                part = Segment(segment.name, start, last, None, None, trim, None, start, why)
-            name = f"{segment.name}, {ruling.case}"
-            parts.append((members[ruling.used], part._replace(name=name)))
-    if not parts:
-        needed = " and ".join(in_use.monitors.needed)
-        raise TelemetryError(
-            f"no monitor of the set {in_use.name} is in use in a manoeuvre: "
-            f"{'; '.join(unused)[:500]} Declare {needed} as a condition, or map a signal to it"
-        )
-    return parts, unused
-
-
-def manoeuvres_in(monitor: Monitor, recorded: RepairedTraces) -> tuple[Interval, ...]:
-    """The manoeuvres that scoring would detect; may be empty."""
-    flight = RecordedFlight.of(monitor, recorded)
-    t = flight.recording.t
-    return tuple(
-        Interval(float(t[segment.first]), float(t[segment.last]), segment.name)
-        for segment in detected_segments(flight.planned, ScoringRecipe(), flight.manoeuvres)
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,22 +231,10 @@ def _judge(flight: RecordedFlight, segment: Segment) -> JudgedSegment:
         in_force = tuple(flight.timeline.intervals(*interval))
         verdict = under_limits(verdict, in_force)
         own = against_limits(*arguments) if silent.any() else None
-        withdrawal = _final_withdrawal(silent, withdrawal, in_force)
+        withdrawal = final_withdrawal(silent, withdrawal, in_force)
     inputs = monitor.flown_input(y, monitor.last_counted(y), flight.planned.amplitudes)
     about = limited, verdict, withdrawal, inputs, silent, in_force, own
     return JudgedSegment(assessed, begin, y, *about)
-
-
-def _final_withdrawal(
-    silent: Flags, withdrawal: Withdrawal | None, in_force: Sequence[Mapping[str, Any]]
-) -> Withdrawal | None:
-    """The withdrawal that lasts to the end: by validity, or earlier by the limits in force."""
-    if not silent[-1]:
-        return withdrawal
-    first = int(np.flatnonzero(~silent)[-1]) + 1 if not silent.all() else 0
-    if withdrawal is not None and withdrawal.first <= first:
-        return withdrawal
-    return Withdrawal(first, in_force[-1]["reason"])
 
 
 def _outside(flight: RecordedFlight, judged: list[JudgedSegment]) -> tuple[RecordedExceedance, ...]:
@@ -327,12 +261,6 @@ def _assessed(
         _verdict(each.assessed.flight, each, samples, *of_each)
         for each, of_each in zip(judged, levels, strict=True)
     )
-
-
-def level_of(monitor: Monitor, epsilon: float | None) -> Level:
-    """A miss rate, None for the monitor's own, and its alert threshold. ValueError."""
-    epsilon = monitor.check_epsilon(epsilon)
-    return epsilon, monitor.alert_above(epsilon)
 
 
 def _samples(

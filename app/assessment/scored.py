@@ -9,7 +9,10 @@ import numpy.typing as npt
 from app.assessment.outcome import Outcome, RecordedExceedance
 from app.telemetry.timing.quality import Quality
 from core.clearance.sensors import SensorCheck
+from core.monitor import Monitor
 
+Level = tuple[float, float]
+"""Accepted miss rate, and the risk above which a sample alerts."""
 BETWEEN = -1
 """Manoeuvre number of samples between manoeuvres."""
 
@@ -148,3 +151,9 @@ class ScoredRecording:
     outside_exceedances: tuple[RecordedExceedance, ...] = ()
     compatibility: tuple[SensorCheck, ...] = ()
     limits_in_force: tuple[dict[str, Any], ...] | None = None
+
+
+def level_of(monitor: Monitor, epsilon: float | None) -> Level:
+    """A miss rate, None for the monitor's own, and its alert threshold. ValueError."""
+    epsilon = monitor.check_epsilon(epsilon)
+    return epsilon, monitor.alert_above(epsilon)

@@ -8,12 +8,16 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
+from app.assessment.monitors_in_use import MonitorRuling, MonitorsInUse, needs_beginning
 from app.assessment.planned_test import PlannedTest
+from app.assessment.recorded import RecordedFlight
 from app.assessment.scored import MOST_MANOEUVRES
 from app.assessment.trim import GUARD_S, FollowedManoeuvre
 from app.telemetry.recording import Recording, TelemetryError
+from app.telemetry.timing.repair import RepairedTraces
 from core.channels import LATERAL, Dictionary
 from core.kernels.causal_grid import ON_GRID
+from core.monitor import Monitor
 from core.types import Array
 
 Manoeuvres = Literal["detected", "entire"]
@@ -234,3 +238,59 @@ def mean_of_rest(rest: Array) -> Array:
     count = known.sum(axis=0)
     total = np.where(known, rest, 0.0).sum(axis=0)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def by_monitor(
+    flight: RecordedFlight,
+    members: Sequence[RecordedFlight],
+    in_use: MonitorsInUse,
+    selected: Sequence[Segment],
+) -> tuple[list[tuple[RecordedFlight, Segment]], list[str]]:
+    """The segments in parts, each with the monitor in use as in flight; and notes on the others.
+
+    TelemetryError where no monitor is in use in any of them.
+    """
+    t, y, timeline = flight.recording.t, flight.recording.y, flight.timeline
+    assert timeline is not None
+    index = timeline.index(t)
+    edges = [*np.flatnonzero(np.diff(index, prepend=-1)).tolist(), len(t)]
+    controls = np.abs(y[:, flight.planned.controls])
+    has_moved = np.maximum.accumulate(~(controls <= in_use.departure()).all(axis=1))
+    parts, unused = list[tuple[RecordedFlight, Segment]](), list[str]()
+    for segment in selected:
+        trim = segment.trim_of(y, flight.monitor.dictionary)
+        begin = segment.first if segment.onset is None else segment.onset
+        for first, stop in pairwise(edges):
+            ruling = timeline.rulings[index[first]]
+            start, last = max(begin, first), min(segment.last, stop - 1)
+            if start > last or not isinstance(ruling, MonitorRuling):
+                continue
+            if ruling.used is None:
+                times = f"{t[start]:.2f} to {t[last]:.2f} s"
+                unused.append(f"{segment.name}, {times}: no monitor in use, {ruling.reason}.")
+                continue
+            part = segment._replace(last=last, trim=trim, since=first)
+            if start > begin:
+                is_moving = segment.onset is not None or bool(has_moved[start])
+                monitor = in_use.monitor(ruling.used)
+                why = needs_beginning(monitor, ruling.case, float(t[start])) if is_moving else ""
+                part = Segment(segment.name, start, last, None, None, trim, None, start, why)
+            name = f"{segment.name}, {ruling.case}"
+            parts.append((members[ruling.used], part._replace(name=name)))
+    if not parts:
+        needed = " and ".join(in_use.monitors.needed)
+        raise TelemetryError(
+            f"no monitor of the set {in_use.name} is in use in a manoeuvre: "
+            f"{'; '.join(unused)[:500]} Declare {needed} as a condition, or map a signal to it"
+        )
+    return parts, unused
+
+
+def manoeuvres_in(monitor: Monitor, recorded: RepairedTraces) -> tuple[Interval, ...]:
+    """The manoeuvres that scoring would detect; may be empty."""
+    flight = RecordedFlight.of(monitor, recorded)
+    t = flight.recording.t
+    return tuple(
+        Interval(float(t[segment.first]), float(t[segment.last]), segment.name)
+        for segment in detected_segments(flight.planned, ScoringRecipe(), flight.manoeuvres)
+    )

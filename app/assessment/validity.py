@@ -361,3 +361,15 @@ def trim(assessed: AssessedSegment) -> Check:
     if share[worst] > 1.0:
         return Check("trim", False, f"{text}, but {moved}: the flight does not begin in trim")
     return Check("trim", True, text)
+
+
+def final_withdrawal(
+    silent: Flags, withdrawal: Withdrawal | None, in_force: Sequence[Mapping[str, Any]]
+) -> Withdrawal | None:
+    """The withdrawal that lasts to the end: by validity, or earlier by the limits in force."""
+    if not silent[-1]:
+        return withdrawal
+    first = int(np.flatnonzero(~silent)[-1]) + 1 if not silent.all() else 0
+    if withdrawal is not None and withdrawal.first <= first:
+        return withdrawal
+    return Withdrawal(first, in_force[-1]["reason"])

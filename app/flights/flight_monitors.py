@@ -6,8 +6,8 @@ from app.assessment.monitors_in_use import MonitorsInUse
 from app.flights.display_monitors import DisplayMonitor, check_has_limits
 from app.messages import MonitorSetStatus, SetCondition
 from app.recordings.scored import set_in_use
+from app.store.condition_sets import MonitorSetInfo
 from app.store.flights import FlightInfo
-from app.store.monitor_sets import MonitorSetInfo
 from app.store.store import Store
 from core.conditions import ConditionKey
 from core.limits.limits import Envelope

@@ -31,7 +31,7 @@ from app.recordings.samples import (
     save_samples,
 )
 from app.recordings.tiles import Window, window_between
-from app.store.monitor_sets import MonitorSetInfo
+from app.store.condition_sets import MonitorSetInfo
 from app.store.scorings import ScoringInfo
 from app.store.store import Store
 from app.store.tables import new_id, now

@@ -10,8 +10,7 @@ from markupsafe import Markup, escape
 
 from app.assessment.limits_history import pieces_of
 from app.assessment.outcome import OUTCOMES, lead_words
-from app.assessment.verdict import amplitude_of
-from app.assessment.wording import PROMISED, alerts_above
+from app.assessment.wording import PROMISED, alerts_above, amplitude_of
 from app.recipes.labels import choice_label, kind_label
 from app.recipes.recipes import to_plain
 from app.report import facts, figures

@@ -22,7 +22,7 @@ from app.routes.dependencies import (
     signature,
     strictly,
 )
-from app.store.limit_sets import LimitSetInfo, StoredLimits
+from app.store.condition_sets import LimitSetInfo, StoredLimits
 from app.store.people import LOCAL
 from core.conditions import ConditionKey, check_declared
 from core.flight_events import FlightLimits

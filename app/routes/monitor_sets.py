@@ -13,7 +13,7 @@ from app.routes.dependencies import (
     signature,
     strictly,
 )
-from app.store.monitor_sets import MonitorSetInfo
+from app.store.condition_sets import MonitorSetInfo
 from app.store.people import LOCAL
 from core.monitor.monitor_set import MonitorCase, MonitorSet
 

@@ -16,6 +16,7 @@ from app.store.airframes import AirframeRepository
 from app.store.alarms import AlarmRepository, FlightMarkerRepository
 from app.store.answers import AnswerRepository
 from app.store.campaigns import CampaignRepository
+from app.store.condition_sets import LimitSetRepository, MonitorSetRepository
 from app.store.database import (
     Damaged,
     StoreError,
@@ -29,8 +30,6 @@ from app.store.datasets import DatasetRepository
 from app.store.disk import LastStop, Reserve
 from app.store.flights import FlightRepository
 from app.store.jobs import JobRepository
-from app.store.limit_sets import LimitSetRepository
-from app.store.monitor_sets import MonitorSetRepository
 from app.store.monitors import MonitorRepository
 from app.store.ownership import Ownership, Taken, owned
 from app.store.people import AuditRepository, SessionRepository, TokenRepository

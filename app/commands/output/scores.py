@@ -12,7 +12,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 
 from app.assessment.limits_history import pieces_of
-from app.assessment.verdict import sensors, verdict
+from app.assessment.wording import sensors, verdict
 from app.recipes.recipes import read_plain
 from app.recordings.exports import export
 from app.recordings.scored_file import (

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import pi, sqrt
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -16,12 +17,14 @@ from app.telemetry.mapping.derivations import values_at
 from app.telemetry.mapping.magnitudes import extent_of
 from app.telemetry.recording import Trace, Traces
 from core.clearance.equation_error import (
+    CORRELATED_S,
     WIDTH_S,
     EquationError,
     Estimate,
     SmoothedSignal,
     smoothing_window,
 )
+from core.clearance.sensors import NAMES, SensorCheck, SensorReadings, check_sensors
 from core.types import Array, Indices
 
 STEP = 0.05
@@ -262,3 +265,39 @@ def sideslip_balance(moves: Motion) -> dict[str, Estimate]:
 
 def _peak(x: Array) -> float:
     return float(np.fmax.reduce(np.abs(x), initial=0.0))
+
+
+RATES = ("p", "r")
+"""Not compared where they were derived from the attitude."""
+
+_COMPARED: WeakKeyDictionary[Traces, tuple[SensorCheck, ...]] = WeakKeyDictionary()
+"""Results for recordings still in memory. They do not depend on the monitor."""
+
+
+def compatibility(traces: Traces) -> tuple[SensorCheck, ...]:
+    """Compare the sensors of a recording, once; in a long one, where it moves most.
+
+    traces: repaired.
+    """
+    if (checks := _COMPARED.get(traces)) is None:
+        checks = _COMPARED[traces] = _compared(traces)
+    return checks
+
+
+def _compared(traces: Traces) -> tuple[SensorCheck, ...]:
+    channels = {
+        key: trace
+        for key in NAMES
+        if (trace := traces.channels.get(key)) is not None
+        and np.isfinite(trace.values).any()
+        and not (key in RATES and trace.derived)
+    }
+    leader = next((channels[key] for key in LEADERS if key in channels), None)
+    apart = np.full(round(CORRELATED_S / STEP), np.nan)
+    rows: dict[str, list[Array]] = {key: [apart] for key in channels}
+    for start, end in windows_of_motion(channels, leader) if leader else ():
+        grid = np.arange(start, end, STEP)
+        for key, trace in channels.items():
+            rows[key] += [on_even_times(grid, trace, FULL_TURNS.get(key)), apart]
+    joined = {key: np.concatenate(parts) for key, parts in rows.items()}
+    return check_sensors(SensorReadings(STEP, joined))

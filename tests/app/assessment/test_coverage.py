@@ -16,7 +16,7 @@ from app.assessment.outcome import (
     exceedances_outside,
     notes_on_outside,
 )
-from app.assessment.verdict import verdict
+from app.assessment.wording import verdict
 from app.report.facts import headline
 from app.telemetry.recording import Trace, Traces
 from core.channels import KEYS, LATERAL

@@ -18,7 +18,7 @@ from app.assessment import (
 from app.assessment.outcome import RecordedExceedance, against_limits, outcome
 from app.assessment.planned_test import needed_channels
 from app.assessment.trim import GUARD_S
-from app.assessment.verdict import verdict
+from app.assessment.wording import verdict
 from app.report import facts
 from app.telemetry.recording import TelemetryError, Trace, Traces
 from app.telemetry.timing.repair import repair

@@ -16,8 +16,7 @@ from app.assessment.outcome import (
     notes_on_outside,
 )
 from app.assessment.scored import ScoredManoeuvre, Validity
-from app.assessment.verdict import verdict
-from app.assessment.wording import remarks, withdrawn
+from app.assessment.wording import remarks, verdict, withdrawn
 from app.telemetry.recording import Trace, Traces
 from core.channels import KEYS, LATERAL
 from core.limits.limits import Limits

@@ -546,6 +546,7 @@ def test_a_recording_without_the_condition_is_scored_by_a_set_that_is_given_it(
     mach.fill("0.9")
     for scheme in ("light", "dark"):
         page.emulate_media(color_scheme=scheme)
-        form.screenshot(path=tmp_path / f"condition-{scheme}.png")
+        mach.scroll_into_view_if_needed()
+        page.screenshot(path=tmp_path / f"condition-{scheme}.png")
     form.get_by_role("button", name="Score", exact=True).click()
     expect(page.get_by_role("region", name="Verdicts")).to_contain_text("fast", timeout=SLOW)

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.assessment import compatibility as module
-from app.assessment.compatibility import compatibility
-from app.assessment.verdict import sensors
+from app.assessment.wording import sensors
+from app.telemetry.mapping import motion as module
+from app.telemetry.mapping.motion import compatibility
 from app.telemetry.recording import Trace, Traces
 from app.telemetry.timing.repair import repair
 from core.clearance.sensors import SensorCheck
