@@ -543,6 +543,7 @@ def test_a_recording_without_the_condition_is_scored_by_a_set_that_is_given_it(
     form.get_by_label("declared", exact=True).check()
     form.get_by_role("button", name="Score", exact=True).click()
     expect(form.get_by_role("alert").last).to_contain_text("Mach number is missing", timeout=SLOW)
+    expect(form).not_to_contain_text("No monitor fits this recording")
     mach.fill("0.9")
     for scheme in ("light", "dark"):
         page.emulate_media(color_scheme=scheme)

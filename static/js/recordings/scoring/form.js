@@ -58,7 +58,7 @@ export function createScoreForm({ api, catalog, recording, monitors, sets = [], 
     progress.textContent = made.length ? `${made.length} scored.` : "";
     refuse(failures.join(" "));
     if (made.length) scored(made, failures.length > 0);
-    else if (failures.length) offerTraining();
+    else if (failures.length && requests.every(({ body }) => body.monitor)) offerTraining();
   }
 
   function offerTraining() {
