@@ -367,6 +367,17 @@ def test_no_panel_beside_the_strips_covers_another(fly: Fly) -> None:
         assert gauge is not None
         assert scene["y"] + scene["height"] <= gauge["y"]
         assert gauge["y"] + gauge["height"] <= height
+    shown = fly.page.evaluate(
+        """() => {
+            const cover = document.querySelector(".link-lost");
+            const views = document.querySelector(".scene-views");
+            return [true, false].map((hidden) => {
+                cover.hidden = hidden;
+                return getComputedStyle(views).visibility;
+            });
+        }"""
+    )
+    assert shown == ["visible", "hidden"]  # no button under the cover of the scene
 
 
 def test_a_simulated_flight_says_so_and_has_no_age_or_latency(fly: Fly) -> None:
