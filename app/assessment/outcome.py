@@ -314,10 +314,11 @@ def warning_words(outcome: Outcome, lead: float | None, promised: float | None =
         return OUTCOMES[outcome].text
     if lead is None or outcome not in ("timely_alert", "late_alert"):
         return "missed: no alert before the limit"
-    warned = f"warned {lead_words(lead)} s before the limit"
+    ahead = f"{lead_words(lead)} s before the limit"
     if outcome == "timely_alert":
-        return warned
-    return f"{warned}: too late" if promised is None else f"{warned} ({promised:.4g} s promised)"
+        return f"warned {ahead}"
+    late = f"warned too late, {ahead}"
+    return late if promised is None else f"{late} ({promised:.4g} s promised)"
 
 
 def exceedance_verdict(outcome: Outcome, lead: float | None, promised: float | None = None) -> str:

@@ -305,15 +305,15 @@ def _lines(
     elif manoeuvre.withdrawn_t is None:
         yield f"  {NOTHING}"
     else:
-        yield "  first alert        withdrawn"
+        yield "  first alert        INVALID"
     if manoeuvre.withdrawn_t is not None:
         since = _time(manoeuvre.withdrawn_t, of_day)
-        yield f"  withdrawn          from {since} on: no assessments"
+        yield f"  INVALID            from {since} on: no risk"
     yield f"  exceedance         {_exceedance(manoeuvre, monitor.dictionary, of_day)}"
     if manoeuvre.outcome == "unknown":
         yield "  warning lead time  unknown"
     elif manoeuvre.outcome == "invalid":
-        yield "  warning lead time  withdrawn"
+        yield "  warning lead time  INVALID"
     elif manoeuvre.peak_risk is not None and manoeuvre.exceedance is not None:
         yield f"  warning lead time  {_lead(monitor, manoeuvre)}"
     moved = ", ".join(
@@ -327,7 +327,7 @@ def _lines(
         yield f"  {remark}"
     for check in manoeuvre.validity.checks:
         if check.ok is not True:
-            state = "unknown" if check.ok is None else "OUTSIDE"
+            state = "unknown" if check.ok is None else "INVALID"
             yield f"  {state:18} {check.name}: {check.text}"
         elif check.name == OBSERVATIONS:
             yield f"  validity           {check.text}"

@@ -16,29 +16,13 @@
  */
 
 import { secondsText } from "../lib/clock.js";
-import { shownState, withdrawnWord } from "../lib/states.js";
+import { shownState, STATE_WORDS, withdrawnWord } from "../lib/states.js";
 
 const WORST_FIRST = ["exceeding", "alarm", "risk", "stale", "invalid", "caution", "paused", "warming_up", "not_assessed", "not_calibrated", "exceeded", "no_alert", "ok"];
 const NOW = ["exceeding", "risk"]; // need a current sample
 const CALM = ["none", "advisory"];
 const BESIDE = ["stale", "invalid", "paused"]; // always shown
 
-const WORDS = {
-  exceeding: "EXCEEDING",
-  alarm: "ALARM",
-  risk: "ALERT",
-  stale: "STALE",
-  invalid: "INVALID",
-  caution: "CAUTION",
-  paused: "PAUSED",
-  not_assessed: "NOT ASSESSED",
-  warming_up: "WARMING UP",
-  not_calibrated: "NOT CALIBRATED",
-  exceeded: "EXCEEDED",
-  no_alert: "NO ALERT",
-  ok: "OK",
-  no_data: "NO DATA",
-};
 export const LEVEL_OF = { warning: "alert", caution: "caution", advisory: "advisory", none: "ok" };
 const MARKS = { warning: "▲ ", caution: "◆ ", advisory: "", none: "✓ " };
 const LEVELS = { exceeding: "warning", alarm: "warning", risk: "warning", stale: "caution", invalid: "caution", caution: "caution" };
@@ -69,18 +53,18 @@ export const aboutCall = ({ t, by }) => `at ${secondsText(t)}, by ${by}`;
 export function resultOf({ verdict, progress, cause, mode, head, call = null, ...headline }) {
   const { level } = headline;
   const result = (parts, level) => ({ words: parts.join(" · "), parts, level });
-  if (progress === "running" && mode === "live" && head < 0 && CALM.includes(level) && call === null) return result([WORDS.no_data], "advisory");
+  if (progress === "running" && mode === "live" && head < 0 && CALM.includes(level) && call === null) return result([STATE_WORDS.no_data], "advisory");
   if (!verdict && level === "none" && progress !== "running") return result([progress.toUpperCase()], "off");
   const called = call && { ...call, about: aboutCall(call) };
   if (!verdict || progress === "running") return result(partsOf({ ...headline, verdict, call: called }, cause), levelOf({ level, call }));
   if (verdict.exceeded_t === null) return result([...partsOf(headline, cause).slice(0, 1), verdict.text], LEVEL_OF[level]); // data missing
   const shown = level === "warning" ? level : "caution";
-  return { words: MARKS[shown] + verdict.text, parts: [MARKS[shown] + WORDS.exceeded, verdict.text], level: LEVEL_OF[shown] };
+  return { words: MARKS[shown] + verdict.text, parts: [MARKS[shown] + STATE_WORDS.exceeded, verdict.text], level: LEVEL_OF[shown] };
 }
 
 function wordOf(status, cause = null) {
   const withdrawn = status === "invalid" ? withdrawnWord(cause) : null;
-  return withdrawn ?? WORDS[status === "invalid" ? shownState({ state: status, cause }) : status];
+  return withdrawn ?? STATE_WORDS[status === "invalid" ? shownState({ state: status, cause }) : status];
 }
 
 function besideOf({ status, beside, exceeded_t: t, verdict }, cause = null) {
@@ -109,5 +93,5 @@ function worstOf({ status, exceeded_t: t }, cause = null) {
 
 /** Also shown after a seek to before the exceedance. */
 function exceededAt(t) {
-  return `${WORDS.exceeded} first at ${secondsText(t)}`;
+  return `${STATE_WORDS.exceeded} first at ${secondsText(t)}`;
 }

@@ -15,14 +15,14 @@ import { arrangePanels, showAlone } from "../charts/arranging/side_panels.js";
 import { secondsText } from "../lib/clock.js";
 import { h } from "../lib/dom.js";
 import { quantity, riskText } from "../lib/numbers.js";
-import { reasonOf, withdrawnWord } from "../lib/states.js";
+import { reasonOf, STATE_WORDS, withdrawnWord } from "../lib/states.js";
 import { AS_RECORDED } from "../recordings/words.js";
 
 const WIDEST = 60; // s
 const NARROWEST = 5; // s
 const BEFORE = 2; // planned manoeuvres
 
-export const CAUTION_WORDS = { invalid: "VALIDITY LOST", stale: "STALE", surfaces: "SURFACES", frozen: "FROZEN", contradiction: "CONTRADICTION", trim: "TRIM" };
+export const CAUTION_WORDS = { invalid: STATE_WORDS.invalid, stale: STATE_WORDS.stale, surfaces: "SURFACES", frozen: "FROZEN", contradiction: "CONTRADICTION", trim: "TRIM" };
 
 export function cautionText({ kind, reason, cause }, at = "") {
   const withdrawn = kind === "invalid" ? withdrawnWord(cause) : null;

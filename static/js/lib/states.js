@@ -1,4 +1,4 @@
-/** Words of a sample's states, where the page words them itself. */
+/** Words of the states of samples and of headlines, as core/monitor/status.py has them. */
 
 export const STATE_WORDS = {
   ok: "OK",
@@ -10,6 +10,14 @@ export const STATE_WORDS = {
   limits_unknown: "LIMITS UNKNOWN",
   paused: "PAUSED",
   none: "NO DATA",
+  no_data: "NO DATA",
+  exceeding: "EXCEEDING",
+  alarm: "ALARM",
+  risk: "ALERT",
+  caution: "CAUTION",
+  not_calibrated: "NOT CALIBRATED",
+  exceeded: "EXCEEDED",
+  no_alert: "NO ALERT",
 };
 
 export const WITHDRAWN = ["not_applicable", "limits_unknown"];

@@ -3,6 +3,7 @@
 import { secondsText } from "../lib/clock.js";
 import { chip, formatted, h } from "../lib/dom.js";
 import { figure, leadSeconds, quantity, riskText } from "../lib/numbers.js";
+import { STATE_WORDS } from "../lib/states.js";
 import { TRIM_SEGMENT } from "./scoring/source.js";
 
 const MOST_NAMED = 6;
@@ -56,14 +57,14 @@ export function validityWords({ validity: { valid, p_value: p }, outcome }) {
   const words = p == null ? "" : `p-value ${figure(p, 2)}`;
   if (valid === true && outcome === "unseen") return { word: "applicable where recorded", level: "caution", mark: "◇", words };
   if (valid === true) return { word: "applicable", level: "ok", mark: "✓", words };
-  if (valid === false) return { word: "INVALID", level: "off", mark: "✕", words };
+  if (valid === false) return { word: STATE_WORDS.invalid, level: "off", mark: "✕", words };
   return { word: "unknown", level: "caution", mark: "◆", words };
 }
 
 const isWithdrawn = ({ outcome }) => outcome === "invalid";
 
 export function peakText({ outcome, peak_risk: risk, peak_t: t, alert_above: own }, alertAbove, isTimed = false) {
-  if (isWithdrawn({ outcome })) return "withdrawn";
+  if (isWithdrawn({ outcome })) return STATE_WORDS.invalid;
   if (risk == null) return "–";
   return `${riskText(risk, own ?? alertAbove)}${isTimed && t !== null ? ` at ${secondsText(t)}` : ""}`;
 }
@@ -91,12 +92,12 @@ export function trimText({ request: { trim }, channels }) {
 }
 
 export function firstAlertText(manoeuvre) {
-  if (isWithdrawn(manoeuvre)) return "withdrawn";
+  if (isWithdrawn(manoeuvre)) return STATE_WORDS.invalid;
   return manoeuvre.alerts.length ? secondsText(manoeuvre.alerts[0][0]) : "none";
 }
 
 export function leadText(manoeuvre, promised) {
-  if (isWithdrawn(manoeuvre)) return "withdrawn";
+  if (isWithdrawn(manoeuvre)) return STATE_WORDS.invalid;
   const { exceedance, lead, alerts } = manoeuvre;
   if (!exceedance) return "–";
   if (lead == null) return alerts.length ? "none before it" : "no alert";

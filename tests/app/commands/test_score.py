@@ -37,7 +37,7 @@ def test_wrong_units_are_reported_as_outside_training(attas_monitor: Path, tmp_p
     assert main([*arguments, "-o", str(tmp_path / "out")]) == 0
     report = capsys.readouterr().out
     assert "No control input detected" in report
-    assert re.search(r"OUTSIDE +units: beta peaks at 5\d\.\d deg, 1\d\S* times its", report)
+    assert re.search(r"INVALID +units: beta peaks at 5\d\.\d deg, 1\d\S* times its", report)
     assert "Guarantee withdrawn" in report
 
 
@@ -86,7 +86,7 @@ def test_a_real_record_of_another_manoeuvre_gets_no_verdict(attas_monitor: Path,
     assert main(["score", *arguments]) == 0
     report = capsys.readouterr().out
     assert "INVALID, no verdict" in report
-    assert "first alert        withdrawn" in report
+    assert "first alert        INVALID" in report
     assert "aileron moved by 14 deg, although the planned manoeuvre does not use it" in report
     rows = read_table(tmp_path / "out")
     assert all(row["p_value"] == "" and row["alert"] == "false" for row in rows)
@@ -267,7 +267,7 @@ def test_a_file_without_an_assessed_sample_exits_with_1(attas_monitor: Path, tmp
     (tmp_path / "holes.csv").write_text("\n".join(lines))
     arguments = ["score", str(attas_monitor), str(tmp_path / "holes.csv")]
     assert main([*arguments, "-o", str(tmp_path / "out")]) == 1
-    assert re.search(r"OUTSIDE +coverage: no sample was assessed", capsys.readouterr().out)
+    assert re.search(r"INVALID +coverage: no sample was assessed", capsys.readouterr().out)
 
 
 def rest(k: int) -> str:

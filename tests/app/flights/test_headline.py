@@ -1,6 +1,7 @@
 """The headline of a flight, the alarms of its channels, and what is said of it once it is over."""
 
 import asyncio
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import app
 from app.assessment.outcome import lead_words
 from app.assessment.trim import RESTING
 from app.flights.alarms import Alarms
@@ -30,7 +32,7 @@ from core.limits.exceedance import Exceeded, Judged, MeasuredExceedance, exceeda
 from core.limits.limits import Limits
 from core.monitor import Assessment, State
 from core.monitor.assessment import REASONS, STATES
-from core.monitor.status import BETWEEN, AlarmKind
+from core.monitor.status import BETWEEN, CAUSE_WORDS, WORDS, AlarmKind
 from core.planned_test.collection import DatasetRecipe
 from tests.app.flights.sources.test_live import Live
 from tests.support.flying import (
@@ -262,7 +264,7 @@ def test_the_headline_says_that_an_exceedance_without_an_alert_was_missed() -> N
 def test_a_late_alert_is_shown_with_the_lead_time_that_was_promised() -> None:
     found = verdict([stored("risk", 1.2), stored("limit", 1.3)], Circumstances(promised=0.25))
     assert found is not None
-    assert found.warning == "Warned 0.10 s before the limit (0.25 s promised)"
+    assert found.warning == "Warned too late, 0.10 s before the limit (0.25 s promised)"
 
 
 def test_an_alert_of_an_earlier_manoeuvre_is_no_warning() -> None:
@@ -432,7 +434,9 @@ def test_a_live_flight_was_warned_when_the_alarm_was_raised_not_when_its_sample_
     alarms = [replace(stored(kind, t), raised=when) for kind, (t, when) in raised.items()]
     found = verdict(alarms, Circumstances(promised=0.25, live=True))
     assert found is not None
-    assert found.text == "LIMIT EXCEEDED, warned 0.02 s before the limit (0.25 s promised)"
+    assert (
+        found.text == "LIMIT EXCEEDED, warned too late, 0.02 s before the limit (0.25 s promised)"
+    )
 
 
 @pytest.mark.parametrize(("promised", "late"), [(0.25, False), (0.31, False), (0.5, True)])
@@ -590,3 +594,14 @@ def test_what_a_flight_that_is_over_showed_last_is_not_now() -> None:
     assert flown.flight.headline.status == "exceeding"
     flown.flight._halt("done")
     assert flown.flight.headline.status == "exceeded"
+
+
+def test_the_page_and_open_mct_have_the_words_of_the_server() -> None:
+    static = Path(app.__file__).parents[1] / "static"
+    page = (static / "js/lib/states.js").read_text()
+    words = dict(re.findall(r'^  (\w+): "([A-Z ]+)",$', page, re.MULTILINE))
+    server = WORDS | {cause.value: word for cause, word in CAUSE_WORDS.items()}
+    assert WORDS.keys() <= words.keys()
+    assert {key: words[key] for key in words.keys() & server.keys()}.items() <= server.items()
+    mct = re.findall(r'"([A-Z ]+)"', (static / "openmct/forewarn.js").read_text())
+    assert {*server.values()} - {"PAUSED"} <= {*mct}

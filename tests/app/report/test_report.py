@@ -222,7 +222,7 @@ def test_the_headline_covers_valid_manoeuvres_and_counts_the_others() -> None:
 def test_an_alert_before_the_withdrawal_is_in_the_table(monitor: Monitor) -> None:
     warned = WARNED | {"validity": WARNED["validity"] | {"valid": False}}
     html = report(subject_of(monitor, [warned]))
-    assert ">withdrawn</td>" not in html
+    assert ">INVALID</td>" not in html
     assert html.count(f'<td class="number">{warned["lead"]:.2f}</td>') == 2
 
 
@@ -305,7 +305,7 @@ def test_limits_exceeded_outside_the_manoeuvres_have_rows(monitor: Monitor) -> N
 
 def test_withdrawn_and_unconfirmed_results_are_marked(subject: ReportSubject) -> None:
     html = report(subject)
-    assert html.count(">withdrawn</td>") == 2
+    assert html.count(">INVALID</td>") == 2
     assert "Mapping not confirmed" in html
     assert "Mapping not confirmed" not in report(replace(subject, mapped="confirmed by the user"))
     assert "has no test on fresh flights" in html

@@ -74,7 +74,7 @@ def test_warnings_come_before_cautions_each_with_its_own_tone(strips: Open) -> N
         })();
         """,
     )
-    assert [word for _, word, _ in seen["seen"][:3]] == ["ALERT", "STALE", "VALIDITY LOST"]
+    assert [word for _, word, _ in seen["seen"][:3]] == ["ALERT", "STALE", "INVALID"]
     assert [level for level, _, _ in seen["seen"]] == ["alert", "caution", "caution", ""]
     assert [n for _, _, n in seen["seen"]] == [1, 0, 0, 0]
     assert seen["acknowledged"] == [1, 2, 3]

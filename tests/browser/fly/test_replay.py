@@ -216,7 +216,7 @@ def test_a_lost_validity_waits_in_amber_until_it_is_acknowledged(
         if passed["level"] == "warning":
             site.ask("POST", f"{alarms}/{passed['id']}/acknowledge")
     banner = replay.locator(".alarm-banner")
-    expect(banner).to_contain_text("VALIDITY LOST at")
+    expect(banner).to_contain_text("INVALID at")
     assert banner.get_attribute("data-level") == "caution"
     expect(replay.locator(".state-word")).to_have_text("◆ INVALID")
     seek(quiet["start"] + 1.0)
@@ -224,7 +224,7 @@ def test_a_lost_validity_waits_in_amber_until_it_is_acknowledged(
     expect(replay).to_have_title(re.compile("^◆ CAUTION"))
     replay.keyboard.press("k")
     expect(banner).to_be_hidden()
-    replay.locator('.event[data-level="caution"]', has_text="validity lost").wait_for()
+    replay.locator('.event[data-level="caution"]', has_text="invalid: ").wait_for()
     *_, caution = site.ask("GET", alarms)
     assert (caution["kind"], caution["by"]) == ("invalid", "local")
 

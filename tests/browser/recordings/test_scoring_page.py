@@ -37,7 +37,7 @@ def test_every_verdict_has_a_word_and_says_what_is_promised(
     expect(verdicts.nth(1)).to_contain_text(promised)
     expect(verdicts.nth(2)).to_contain_text("Guarantee withdrawn")
     for label in ("First alert", "Warning lead time", "Peak risk"):
-        expect(verdicts.nth(2).locator(f'[data-label="{label}"]')).to_have_text("withdrawn")
+        expect(verdicts.nth(2).locator(f'[data-label="{label}"]')).to_have_text("INVALID")
     expect(scored.locator(".scored-summary")).to_contain_text("channels are deviations from trim")
     expect(verdicts.nth(2).locator('[data-ok="false"]')).to_contain_text(
         ["✕ manoeuvre", "✕ observations"]

@@ -71,7 +71,7 @@ export function createScoringList({ api, recording, scorings, changed, navigate 
 function peakOf({ manoeuvres, alert_above: alertAbove }) {
   const risks = manoeuvres.map(({ peak_risk: risk }) => risk).filter((risk) => risk !== null);
   if (risks.length) return riskText(Math.max(...risks), alertAbove);
-  return manoeuvres.length ? h("span.dim", "withdrawn") : "–";
+  return manoeuvres.length ? h("span.dim", "INVALID") : "–";
 }
 
 /** A damaged scoring shows no verdicts. */
