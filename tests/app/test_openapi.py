@@ -3,6 +3,7 @@ from copy import deepcopy
 from dataclasses import replace
 from typing import Any
 
+import jsbsim  # noqa: F401  # its logger must not end with schemathesis' thread, after Python
 import jsonschema_rs
 import pytest
 import schemathesis
