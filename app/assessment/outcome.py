@@ -125,6 +125,14 @@ class Limited(NamedTuple):
     implausible: tuple[str, float] | None = None
     worst: tuple[RecordedExceedance, ...] = ()
 
+    @property
+    def recorded(self) -> RecordedExceedance | None:
+        """The exceedance as recorded that is named beside the first from trim, or without one."""
+        first, raw = self.exceedance, self.failed or self.as_recorded
+        if first is None:
+            return self.as_recorded
+        return raw if raw and (raw is self.failed or raw.t < first.t - SAME_TIME) else None
+
 
 def against_limits(
     traces: Traces,

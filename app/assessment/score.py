@@ -390,7 +390,7 @@ def _verdict(
         peak_t=float(part["t"][peak]) if rises else None,
         alerts=alerts,
         exceedance=limited.exceedance,
-        recorded_exceedance=limited.failed if limited.exceedance else limited.as_recorded,
+        recorded_exceedance=limited.recorded,
         lead=lead,
         look_ahead=flight.recording.look_ahead,
         withdrawn_t=None if withdrawal is None else float(judged.assessments.t[withdrawal.first]),

@@ -87,7 +87,7 @@ class ScoredManoeuvre:
     alerts: first and last time of each run of alerts [s].
     exceedance: the first recorded sample that exceeds a limit, from trim.
     recorded_exceedance: without one, the first that exceeds it as recorded, with bias and trim;
-    else the first that no aircraft can reach.
+    else the first that no aircraft can reach, or one as recorded that is earlier.
     lead: from the first alert to the exceedance [s]; None where either is missing.
     look_ahead: how long a sample waits for later ones in flight [s]; alerts come this much later.
     withdrawn_t: time from which the monitor is withdrawn to the end [s]; None if it is not.

@@ -24,7 +24,7 @@ from core.channels import BY_KEY, Channel, Dictionary
 from core.clearance.equation_error import Estimate
 from core.clearance.sensors import TOLERANCES, SensorCheck
 from core.evaluation.certificate import calibrated_on
-from core.limits.exceedance import SAME_TIME
+from core.limits.exceedance import NOT_PLAUSIBLE, SAME_TIME
 from core.limits.limits import exceeded_end, limits_in_words
 from core.monitor import Assessments, Monitor
 from core.monitor.assessment import STATES, State
@@ -108,8 +108,8 @@ def remarks(
         _beyond_as_recorded(planned.dictionary, peak)
         for peak in limited.peaks
         if peak.largest is not None
-        and not peak.is_beyond(peak.largest)
         and peak.is_beyond(peak.recorded)
+        and (not peak.is_beyond(peak.largest) or _is_named(limited.recorded, peak.channel))
     ]
     if limited.lost > 0.0:
         lines.append(f"{limited.lost:.2f} s missing in the limited channels")
@@ -203,6 +203,10 @@ def _peak_in_words(channel: Channel, peak: Peak, value: float) -> str:
         return f"|{channel.key}| {channel.read(abs(value))} of {limit}{trim}"
     ends = [channel.read(end) if isfinite(end) else "none" for end in (peak.low, peak.high)]
     return f"{channel.key} {channel.read(value)}{trim}, limits {' and '.join(ends)}"
+
+
+def _is_named(raw: RecordedExceedance | None, channel: str) -> bool:
+    return raw is not None and raw.channel == channel and raw.doubt != NOT_PLAUSIBLE
 
 
 def _beyond_as_recorded(dictionary: Dictionary, peak: Peak) -> str:
@@ -357,13 +361,12 @@ def _risk(
 
 
 def _exceedance(manoeuvre: ScoredManoeuvre, dictionary: Dictionary, of_day: bool) -> str:
-    exceedance = manoeuvre.exceedance
+    exceedance, raw = manoeuvre.exceedance, manoeuvre.recorded_exceedance
     if manoeuvre.outcome == "unknown":
         return "unknown"
-    if exceedance is None:
-        raw = manoeuvre.recorded_exceedance
-        return f"as recorded {_place(raw, dictionary, of_day)}" if raw else "none recorded"
-    return _place(exceedance, dictionary, of_day)
+    from_trim = [_place(exceedance, dictionary, of_day)] if exceedance else []
+    recorded = [f"as recorded {_place(raw, dictionary, of_day)}"] if raw else []
+    return "; ".join(from_trim + recorded) or "none recorded"
 
 
 def _place(exceedance: RecordedExceedance, dictionary: Dictionary, of_day: bool) -> str:

@@ -61,14 +61,17 @@ def headline(manoeuvres: Sequence[Plain], outside: Sequence[Plain] = ()) -> tupl
         consequence = "no guarantee for" if exceeded else "no verdict on"
         words += f"; {n} of the {total} manoeuvres {'is' if n == 1 else 'are'} not valid, "
         words += f"{consequence} {'it' if n == 1 else 'them'}"
-    raw = [each for m in manoeuvres if (each := m.get("recorded_exceedance"))]
-    doubts = {each.get("doubt", "") for each in (*raw, *outside)}
-    as_recorded = any(each.get("doubt", "") != NOT_PLAUSIBLE for each in raw)
+    raw = [(each, m["exceedance"]) for m in manoeuvres if (each := m.get("recorded_exceedance"))]
+    doubts = {each.get("doubt", "") for each in (*(each for each, _ in raw), *outside)}
+    plausible = [later for each, later in raw if each.get("doubt", "") != NOT_PLAUSIBLE]
+    as_recorded = not all(plausible)
     if level == "good" and (invalid or as_recorded or outside):
         level = "caution"
     if as_recorded:
         words = words.replace(NONE_EXCEEDED, f"{NONE_EXCEEDED} from trim")
         words += "; a limit was exceeded as recorded, not from trim"
+    if any(plausible):
+        words += "; as recorded, a limit was exceeded before it was from trim"
     if outside and any(manoeuvre["exceedance"] for manoeuvre in manoeuvres):
         words += "; one was also exceeded outside every manoeuvre"
     elif outside:

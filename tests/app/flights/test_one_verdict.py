@@ -44,6 +44,8 @@ WAYS = {
     "failed_before_it_exceeds": with_ny((48, 500.0), (90, 0.7)),
     "exceeds_before_it_fails": with_ny((48, 0.7), (90, 500.0)),
     "exceeds_as_recorded": calm() + 0.3 * (np.arange(6) == NY),
+    "from_trim_after_as_recorded": with_ny((58, 0.32), (59, 0.45), (60, 0.55), (61, 0.52))
+    + 0.225 * (np.arange(6) == NY),
     "fails_at_rest": with_ny((20, 500.0)),
 }
 
@@ -86,6 +88,27 @@ def test_a_flight_its_recording_and_a_file_have_one_verdict(
         shown = {round(each["t"] / DT): each["p_value"] for each in frames}
         again = {round(each["t"] / DT): each["p_value"] for each in scored}
         assert shown == again
+
+
+def test_one_from_trim_follows_one_as_recorded_without_a_break(range_: Range) -> None:
+    """Both are told, with their own times; the verdict and its warning are of that from trim."""
+    flight = range_.start("follows", trim="detected")
+    for k, row in enumerate(WAYS["from_trim_after_as_recorded"].tolist()):
+        range_.push(flight, k, **{key: [value] for key, value in zip(KEYS, row, strict=True)})
+    ended = range_.end(flight)
+    recording = range_.recording_of(flight)["id"]
+    request = {"monitor": range_.monitor, "epsilon": ended["epsilon"]}
+    scoring = range_.client.post(f"{RECORDINGS}/{recording}/scorings", json=request).json()
+    (manoeuvre,) = scoring["manoeuvres"]
+    assert ended["verdict"]["exceeded_t"] == manoeuvre["exceedance"]["t"] == pytest.approx(3.0)
+    assert "as recorded" not in ended["verdict"]["text"]
+    (listed,) = [each for each in range_.client.get(FLIGHTS).json() if each["id"] == flight]
+    assert listed["verdict"] == ended["verdict"]
+    raw = manoeuvre["recorded_exceedance"]
+    assert (raw["t"], raw["value"]) == (pytest.approx(2.9), pytest.approx(0.545))
+    assert "0.775 g" in " ".join(manoeuvre["remarks"])
+    report = range_.client.get(f"{RECORDINGS}/{recording}/scorings/{scoring['id']}/report").text
+    assert "as recorded, a limit was exceeded before it was from trim" in report
 
 
 def assert_one_verdict(ended: dict[str, Any], scoring: dict[str, Any]) -> None:

@@ -77,9 +77,10 @@ function why({ validity, outcome, guarantee, remarks = [] }, isShort) {
 }
 
 function exceedanceOf({ exceedance, outcome, amplitude, recorded_exceedance: raw }, channels) {
-  if (exceedance) return exceedanceWords(exceedance, channels);
+  const doubt = raw?.doubt ? `, ${raw.doubt}` : "";
+  if (exceedance) return [exceedanceWords(exceedance, channels), raw ? ["; as recorded ", exceedanceWords(raw, channels), doubt] : null];
   if (outcome === "unknown") return "unknown";
-  if (raw?.doubt) return [exceedanceWords(raw, channels), `, ${raw.doubt}`];
+  if (doubt) return [exceedanceWords(raw, channels), doubt];
   if (raw) return ["none relative to trim; as recorded ", exceedanceWords(raw, channels)];
   if (outcome === "unseen") return "unknown";
   return amplitude ? `none, at ${percent(amplitude, 0)} of the planned amplitude` : "none";
