@@ -2,7 +2,7 @@
  * Numbers and words beside the strips: readouts, tool bar, text for screen readers.
  *
  * A measured value is shown while data arrive, dim where the monitor does not assess it; the risk has
- * a number only where it was assessed, else a word. When samples stop, the last value stays, with its age.
+ * a number only where it was assessed, else a word. When samples stop, the last measured value stays, with its age.
  *
  * createReadings(strips, {rowOf, bar}, source) -> {show(view), describe()}     source: see strip_chart.js
  * rangeText(strip, range)    one number where low and high are read alike, else both

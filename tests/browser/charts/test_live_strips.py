@@ -28,11 +28,11 @@ def test_the_strips_move_on_when_samples_stop(strips: Open) -> None:
     assert fresh - late == pytest.approx(5 * plot_width(page) / 20, abs=2)
 
 
-def test_stale_data_shows_a_growing_hatch_the_word_and_what_came_last(strips: Open) -> None:
+def test_stale_data_shows_a_growing_hatch_the_word_and_what_was_last_measured(strips: Open) -> None:
     page = strips()
     run(page, "h.feed(0, 15, 1000); h.draw(1000)")
     run(page, "h.chart.push({ ...h.frame(15), y: [NaN, NaN, NaN, NaN, NaN, NaN] }, 1000)")
-    keys = ("Ny", "p", "risk")
+    keys = ("Ny", "p")
     came = [readout(page, key) for key in keys]
     grey = [
         run(page, f"h.draw({wall}); return h.pixels('p', 'stale')[0]")
@@ -45,6 +45,12 @@ def test_stale_data_shows_a_growing_hatch_the_word_and_what_came_last(strips: Op
         assert readout(page, key, "state") == "STALE"
         assert readout(page, key, "detail") == "last value, 6.0 s old"
         assert page.locator(f'.strip[data-key="{key}"] .readout[data-last]').count() == 1
+    risk = page.locator('.strip[data-key="risk"]')
+    assert readout(page, "risk", "state") == "STALE"
+    assert not re.search(r"\d", risk.locator(".readout").inner_text())
+    described = risk.locator("canvas").get_attribute("aria-label")
+    assert described is not None
+    assert "no value, stale" in described
     assert page.locator(".strip-toolbar .chip").inner_text() == "STALE"
 
 

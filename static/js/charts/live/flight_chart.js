@@ -55,7 +55,7 @@ const FAR = 3000; // samples in which the last value is looked for
 const AHEAD = "90 % forecast to the end of the card";
 const BESIDE = "risk beside";
 const OLDEST = 0.25; // s of flight that a forecast is shown for
-const UNASSESSED = ["invalid", "not_assessed", ...WITHDRAWN];
+const UNASSESSED = ["stale", "invalid", "not_assessed", ...WITHDRAWN];
 
 export function aheadOf(known, frames, newest) {
   const frame = frames.findLast(({ ahead }) => ahead);
@@ -288,7 +288,7 @@ function createSource({ strips, ring, seriesOf, intake, timeline, alertAbove, le
     const [last, now] = [ring.count() - 1, state()];
     const i = now === "stale" ? lastKnown(series) : last;
     const value = i < 0 ? NaN : ring.value(series, i);
-    const old = now === "stale" && Number.isFinite(value);
+    const old = now === "stale" && Number.isFinite(value) && !strip.risk;
     const age = old ? Math.max(0, timeline.age(wall)) + ring.time(last) - ring.time(i) : NaN;
     return {
       values: [single(value)],
