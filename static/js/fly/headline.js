@@ -57,9 +57,18 @@ export function resultOf({ verdict, progress, cause, mode, head, call = null, ..
   if (!verdict && level === "none" && progress !== "running") return result([progress.toUpperCase()], "off");
   const called = call && { ...call, about: aboutCall(call) };
   if (!verdict || progress === "running") return result(partsOf({ ...headline, verdict, call: called }, cause), levelOf({ level, call }));
-  if (verdict.exceeded_t === null) return result([...partsOf(headline, cause).slice(0, 1), verdict.text], LEVEL_OF[level]); // data missing
-  const shown = level === "warning" ? level : "caution";
-  return { words: MARKS[shown] + verdict.text, parts: [MARKS[shown] + STATE_WORDS.exceeded, verdict.text], level: LEVEL_OF[shown] };
+  const isMissing = verdict.exceeded_t === null;
+  const shown = level === "warning" || isMissing ? level : "caution";
+  const state = isMissing ? partsOf(headline, cause)[0] : MARKS[shown] + STATE_WORDS.exceeded;
+  const withdrawn = withdrawnWords([headline.status, ...headline.beside], cause).filter((word) => !`${state} ${verdict.text}`.includes(word));
+  const text = [verdict.text, ...withdrawn].join(" · ");
+  return { words: isMissing ? `${state} · ${text}` : MARKS[shown] + text, parts: [state, text], level: LEVEL_OF[shown] };
+}
+
+/** Of an ended flight; between manoeuvres nothing was withdrawn. */
+function withdrawnWords(statuses, cause) {
+  const isWithdrawn = (each) => ["stale", "invalid"].includes(each) && shownState({ state: each, cause }) !== "not_assessed";
+  return statuses.filter(isWithdrawn).map((each) => wordOf(each, cause));
 }
 
 function wordOf(status, cause = null) {

@@ -2,6 +2,8 @@
 
 from typing import Any
 
+import pytest
+
 from core.monitor.assessment import Cause
 from core.monitor.status import (
     LEVELS,
@@ -99,6 +101,26 @@ def test_a_list_names_the_data_that_were_missing_and_no_exceedance(strips: Open)
     told = strips().evaluate(RESULT, plain(headline(Facts(caution=True))) | flight)
     parts = ["◆ CAUTION", "DATA MISSING: no sample"]
     assert told == {"words": " · ".join(parts), "parts": parts, "level": "caution"}
+
+
+@pytest.mark.parametrize(
+    ("cause", "text", "words"),
+    [
+        (None, "LIMIT EXCEEDED, warned", "▲ LIMIT EXCEEDED, warned · INVALID"),
+        (None, "LIMIT EXCEEDED, INVALID", "▲ LIMIT EXCEEDED, INVALID"),
+        (Cause.BETWEEN, "LIMIT EXCEEDED, warned", "▲ LIMIT EXCEEDED, warned"),
+    ],
+)
+def test_a_withdrawn_monitor_is_named_beside_the_verdict_of_an_ended_flight(
+    strips: Open, cause: Cause | None, text: str, words: str
+) -> None:
+    verdict = {"exceeded_t": 8.76, "lead": 1.4, "text": text, "warning": "Warned"}
+    flight = {"progress": "ended", "verdict": verdict, "cause": cause}
+    facts = Facts(alarm=True, invalid=True, exceeded_t=8.76)
+    told = strips().evaluate(RESULT, plain(headline(facts)) | flight)
+    assert told["words"] == words
+    acknowledged = plain(headline(facts._replace(alarm=False))) | flight
+    assert strips().evaluate(RESULT, acknowledged)["words"] == words.replace("▲", "◆")
 
 
 def test_a_list_calls_a_flight_between_manoeuvres_as_its_page_does(strips: Open) -> None:
