@@ -191,10 +191,10 @@ def test_many_exceedances_outside_suggest_a_wrong_mapping():
     assert len(notes_on_outside(often[:2] + rare, LATERAL)) == 1
 
 
-def test_a_withdrawn_manoeuvre_shows_alert_and_lead_as_withdrawn(attas: Monitor, calm: np.ndarray):
+def test_an_invalid_manoeuvre_shows_alert_and_lead_as_invalid(attas: Monitor, calm: np.ndarray):
     lines = verdict(attas, score(attas, recorded(calm, V=180.0)))
-    assert "  first alert        withdrawn" in lines
-    assert "  warning lead time  withdrawn" in lines
+    assert "  first alert        INVALID" in lines
+    assert "  warning lead time  INVALID" in lines
 
 
 def test_a_trim_longer_than_recorded_reports_the_length_used(attas: Monitor, calm: np.ndarray):

@@ -246,7 +246,7 @@ def test_a_flight_whose_record_is_refused_is_not_completed_until_it_is_taken() -
         assert (again.unwritten, again.lost) == (0, 0)
 
     asyncio.run(refused_then_taken())
-    assert store.notes == [("f", "ended", 8.76, [], None, None)]
+    assert store.notes == [("f", "ended", 8.76, [], None, None, None)]
 
 
 def test_what_the_store_refuses_to_the_last_is_counted_as_lost() -> None:

@@ -286,7 +286,9 @@ def test_no_state_word_is_cut_off(fly: Fly, size: tuple[int, int]) -> None:
       unit.hidden = true;
       word.hidden = false;
       const right = (element) => element.getBoundingClientRect().right;
-      return Object.entries(STATE_WORDS).map(([state, text]) => {
+      const headlines = ["not_calibrated", "exceeded", "no_alert"]; // which no strip shows
+      const shown = Object.entries(STATE_WORDS).filter(([state]) => !headlines.includes(state));
+      return shown.map(([state, text]) => {
         copy.dataset.state = state;
         word.textContent = text;
         return [text, right(word) - right(copy)];

@@ -83,7 +83,7 @@ TORN = """() => {
 
 
 def test_no_word_of_a_table_is_torn(paper: Page) -> None:
-    assert "withdrawn" in paper.locator(".manoeuvres").inner_text()
+    assert "INVALID" in paper.locator(".manoeuvres").inner_text()
     assert paper.evaluate(TORN) == []
 
 
