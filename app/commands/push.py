@@ -104,7 +104,8 @@ def run(options: argparse.Namespace) -> int:
     began, is_interrupted, failure = time.monotonic(), False, ""
     try:
         _push(client, rows, rate)
-        if not options.keep_open and client.durable == len(rows.t):
+        is_void = not options.flight and client.refused == len(rows.t)
+        if not options.keep_open and (is_void or client.durable == len(rows.t)):
             client.end()
     except KeyboardInterrupt:
         is_interrupted = True

@@ -14,6 +14,7 @@ from app.telemetry.mapping.applying import apply_mapping
 from app.telemetry.mapping.derivations import on_times_of
 from app.telemetry.mapping.mapping import Mapping
 from app.telemetry.mapping.proposal import Proposal, propose
+from app.telemetry.mapping.signs import quiet_bias
 from app.telemetry.reading import columns_of
 from app.telemetry.recording import ATTITUDE, TelemetryError, Trace
 from app.telemetry.targets import TARGETS
@@ -52,13 +53,16 @@ def si_rows(
 ) -> RecordedRows:
     """The mapped channels in SI units at the times of the fastest channel. TelemetryError.
 
-    mapping: a JSON file; the program's proposal if None.   dictionary: of the monitor.
+    mapping: a JSON file; the program's proposal if None, without a bias: a source sends it.
+    dictionary: of the monitor.
     condition: names under which the flight expects channels of its condition, if not their own.
     """
     with columns_of(file) as columns:
         used, proposal = _mapping(columns, mapping, dictionary)
         traces = repair(apply_mapping(columns, used)).traces
         notes = [*mapping_lines(used, proposal), *traces.notes]
+    if proposal and "Ny" in traces.channels and (bias := quiet_bias(traces.channels["Ny"])):
+        notes.append(f"Ny is sent with its {bias.text}. A flight that counts from trim takes it.")
     mapped = {k: trace for k, trace in traces.channels.items() if np.isfinite(trace.values).any()}
     needed = dictionary.measured
     measured = [trace for key, trace in mapped.items() if key in needed]
@@ -155,5 +159,5 @@ def _mapping(
     """The mapping of a JSON file; without one, the program's with its proposal."""
     if path is not None:
         return read_mapping(path), None
-    proposal = propose(columns, dictionary=dictionary, others=FLIGHT_CONDITION)
+    proposal = propose(columns, dictionary=dictionary, others=FLIGHT_CONDITION, removes_bias=False)
     return proposal.mapping, proposal

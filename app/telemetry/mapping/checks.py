@@ -62,7 +62,6 @@ def check_against_motion(builder: ProposalBuilder, expected: SurfaceSigns) -> No
         _check_signs(builder, moves, expected)
         same_bank = 1 if builder.channels.get("phi") == bank else -1
         _take_out_gravity(builder, moves, same_bank)
-    _remove_bias(builder)
 
 
 def _check_signs(builder: ProposalBuilder, moves: Motion, expected: SurfaceSigns) -> None:
@@ -147,7 +146,8 @@ def _take_out_gravity(builder: ProposalBuilder, moves: Motion, same_bank: int) -
     builder.assign("Ny", derived, round(0.8 * before.confidence, 4), reason)
 
 
-def _remove_bias(builder: ProposalBuilder) -> None:
+def remove_bias(builder: ProposalBuilder) -> None:
+    """Subtract a constant N_y of the quiet first seconds, unless its mapping is confirmed."""
     if "Ny" not in builder.channels or "Ny" in builder.confirmed:
         return
     try:

@@ -13,7 +13,7 @@ from app.telemetry.mapping.candidates import (
     find_candidates,
     separate_flights,
 )
-from app.telemetry.mapping.checks import check_against_motion, doubt_normalised
+from app.telemetry.mapping.checks import check_against_motion, doubt_normalised, remove_bias
 from app.telemetry.mapping.derivations import DERIVATIONS, ways
 from app.telemetry.mapping.exact_names import assign_by_name
 from app.telemetry.mapping.group_times import (
@@ -94,6 +94,7 @@ def propose(
     group: str = "",
     dictionary: Dictionary = LATERAL,
     others: Iterable[Channel] = (),
+    removes_bias: bool = True,
 ) -> Proposal:
     """Propose a mapping: TARGETS by names, units, ranges and motion, others by exact name.
 
@@ -104,6 +105,7 @@ def propose(
     group: the flight to map, if groups are flights of their own; "" for the most complete.
     dictionary: of the monitor; computed channels are not mapped.
     others: further channels that the file may have, mapped last.
+    removes_bias: whether a constant N_y before the first input is taken for a bias.
     """
     builder = ProposalBuilder(columns)
     if remembered is not None:
@@ -118,6 +120,8 @@ def propose(
     alternatives |= assign_by_name(builder, others, candidates.groups)
     _derive(builder, dictionary)
     check_against_motion(builder, expected)
+    if removes_bias:
+        remove_bias(builder)
     doubt_normalised(builder)
     _explain_missing(builder, candidates, measured)
     _note_unchecked(builder, candidates)

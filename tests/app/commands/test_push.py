@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ from app.client import LiveClient
 from app.commands import push
 from app.commands.recorded_rows import si_rows
 from app.commands.sample_flight import TRIM_S, table
+from app.telemetry.mapping.proposal import propose
+from app.telemetry.reading import columns_of
 from core.channels import KEYS
 from core.planned_test.collection import DatasetRecipe, evaluation_flights
 from core.types import Array
@@ -154,6 +157,35 @@ def test_what_was_sent_is_said_when_it_is_interrupted(
     assert f"durable: 5 of {n} samples" in printed
 
 
+def test_a_constant_value_is_sent_unless_a_person_called_it_a_bias(
+    server: LiveServer, tmp_path: Path, capsys
+):
+    biased, given = tmp_path / "biased.csv", tmp_path / "given.json"
+    head, *rows = table(flown(), DT).splitlines()
+    ny = head.split(",").index("ay_g")
+    cells = [row.split(",") for row in rows]
+    for row in cells:
+        row[ny] = f"{float(row[ny]) + 0.225:.9g}"
+    biased.write_text("\n".join([head, *map(",".join, cells)]))
+    options = ["--monitor", server.monitor_id, "--server", server.url, "--rate", "max"]
+    assert main(["push", str(biased), *options, "--json"]) == 0
+    shown = capsys.readouterr()
+    assert "bias removed" not in shown.err
+    assert "mean of 0.225 g" in shown.err
+    flight = f"{server.url}/api/v1/flights/{json.loads(shown.out)['flight']}"
+    trims = httpx2.get(flight).json()["live"]["trims"]
+    assert [(trim["channel"], trim["value"]) for trim in trims] == [("Ny", pytest.approx(0.225))]
+    with columns_of(biased) as columns:
+        mapping = propose(columns).mapping
+    assert mapping.channels["Ny"].bias == pytest.approx(0.225)
+    given.write_text(json.dumps(asdict(mapping)))
+    sent, stated = si_rows(biased, None), si_rows(biased, given)
+    ny = sent.names.index("Ny")
+    assert sent.values[:50, ny] == pytest.approx(0.225)
+    assert stated.values[:50, ny] == pytest.approx(0.0)
+    assert any("bias removed: 0.225 g" in note for note in stated.notes)
+
+
 def test_a_flight_that_somebody_ends_is_told_with_what_is_durable(
     server: LiveServer, file: Path, capsys, monkeypatch: pytest.MonkeyPatch
 ):
@@ -171,15 +203,19 @@ def test_a_flight_that_somebody_ends_is_told_with_what_is_durable(
     assert "accepts no samples" in result["failure"]
 
 
-def test_a_push_that_fails_leaves_the_flight_in_progress(
+def test_a_push_that_is_refused_entirely_ends_only_a_flight_that_it_started(
     server: LiveServer, tmp_path: Path, capsys
 ):
     path = tmp_path / "beta.csv"
     path.write_text("t_s,beta_deg\n" + "".join(f"{0.02 * k},{k % 3}\n" for k in range(50)))
-    options = ["--monitor", server.monitor_id, "--server", server.url, "--rate", "max"]
-    code, result = pushed(capsys, path, *options)
-    flight = httpx2.get(f"{server.url}/api/v1/flights/{result['flight']}").json()
-    assert (code, flight["progress"]) == (1, "running")
+    to = ["--server", server.url, "--rate", "max"]
+    begun = ["--monitor", server.monitor_id, *to]
+    code, opened = pushed(capsys, path, *begun, "--keep-open")
+    given = ["--flight", opened["flight"], *to]
+    for options, progress in ((begun, "ended"), (given, "running")):
+        code, result = pushed(capsys, path, *options)
+        flight = httpx2.get(f"{server.url}/api/v1/flights/{result['flight']}").json()
+        assert (code, result["refused"], flight["progress"]) == (1, 50, progress)
 
 
 def test_what_is_refused_is_counted_and_is_no_success(server: LiveServer, tmp_path: Path, capsys):
