@@ -19,7 +19,16 @@ from core.limits.limits import Envelope, exceeded_end
 from core.types import Array, Flags
 
 Outcome = Literal[
-    "timely_alert", "late_alert", "missed", "false_alert", "quiet", "unseen", "invalid", "unknown"
+    "timely_alert",
+    "late_alert",
+    "missed",
+    "false_alert",
+    "quiet",
+    "cut",
+    "aborted",
+    "unseen",
+    "invalid",
+    "unknown",
 ]
 Alerts = tuple[tuple[float, float], ...]
 OutcomeLevel = Literal["ok", "caution", "alert", "off"]
@@ -44,6 +53,12 @@ OUTCOMES: dict[Outcome, Wording] = {
     "missed": Wording("▲", "LIMIT EXCEEDED, no warning", "alert", "limit exceeded, no warning"),
     "false_alert": Wording("◆", "FALSE ALERT", "caution", "alert, no limit exceeded"),
     "quiet": Wording("✓", "QUIET", "ok", "no alert, no limit exceeded"),
+    "cut": Wording(
+        "◇", "ENDS WITHIN THE MANOEUVRE", "caution", "ends within the manoeuvre, no verdict"
+    ),
+    "aborted": Wording(
+        "◆", "ABORTED AFTER THE ALERT", "caution", "aborted after the alert, no verdict"
+    ),
     "unseen": Wording("◇", "DATA MISSING", "caution", "data missing, no verdict"),
     "invalid": Wording("✕", "INVALID", "off", "INVALID, no verdict"),
     "unknown": Wording(
@@ -51,6 +66,7 @@ OUTCOMES: dict[Outcome, Wording] = {
     ),
 }
 EXCEEDED = "LIMIT EXCEEDED"
+WITHOUT_VERDICT: tuple[Outcome, ...] = ("cut", "aborted", "unseen", "invalid", "unknown")
 UNWARNED: tuple[Outcome, ...] = ("invalid", "unseen")
 """Exceedances that are neither missed nor warned: the monitor was withdrawn or had no data."""
 
@@ -293,12 +309,22 @@ def alert_times(t: Array, alert: Flags) -> Alerts:
 
 
 def outcome(
-    alerts: Alerts, exceedance: RecordedExceedance | None, promised: float
+    alerts: Alerts,
+    exceedance: RecordedExceedance | None,
+    promised: float,
+    *,
+    is_cut: bool = False,
+    calls: Sequence[float] = (),
 ) -> tuple[Outcome, float | None]:
     """The outcome of a manoeuvre, and the lead from the first alert to the exceedance [s].
 
     promised: lead in effect [s]. An exceedance without an alert before it is a miss.
+    is_cut: samples end within the manoeuvre; a limit may have been exceeded after them.
+    calls: times of ABORT and KNOCK IT OFF [s].
     """
+    if exceedance is None and is_cut:
+        is_aborted = alerts and any(t >= alerts[0][0] - SAME_TIME for t in calls)
+        return ("aborted" if is_aborted else "cut"), None
     if exceedance is None:
         return ("false_alert" if alerts else "quiet"), None
     if not alerts or alerts[0][0] > exceedance.t + SAME_TIME:

@@ -20,6 +20,8 @@ TRIM_SEGMENT_S = 0.5
 """[s] Used where a monitor does not record its own."""
 ROUNDING = 1e-9
 """Share of the largest weight. Below it, a weight is rounding error of a constant channel."""
+ENDS_EARLY = 0.2
+"""A recording may end this share of the planned duration before its end, as inputs begin late."""
 MAIN_INPUT = 0.5
 """Share of the largest command from which a movement counts as an input."""
 
@@ -33,7 +35,7 @@ class PlannedTest:
     maneuver, aircraft: None where the monitor does not come from a recipe.
     flown: (n_controls,) usual largest movement of each control in flights of its training, and
     length: their length [s]; for a monitor of other channels than the lateral ones, or whose pilot
-    captures a target.
+    captures a target.   shortest: of these lengths, among the safe flights [s].
     """
 
     dt: float
@@ -44,6 +46,7 @@ class PlannedTest:
     dictionary: Dictionary = LATERAL
     flown: Array | None = None
     length: float | None = None
+    shortest: float | None = None
 
     @classmethod
     def of(cls, test: ManeuverTest) -> "PlannedTest":
@@ -60,6 +63,12 @@ class PlannedTest:
     def duration(self) -> float | None:
         """Duration of a rollout [s]; None where unknown."""
         return self.maneuver.duration_s if self.maneuver else self.length
+
+    @property
+    def least_flown(self) -> float | None:
+        """Time after the trim that a recording of the whole manoeuvre has at least [s]."""
+        length = self.maneuver.duration_s if self.maneuver else self.shortest
+        return None if length is None else (1.0 - ENDS_EARLY) * length - self.trim_segment_s
 
     @property
     def trim_segment_s(self) -> float:
@@ -97,12 +106,15 @@ def planned_test(monitor: Monitor) -> PlannedTest:
         if test.maneuver is not None and test.maneuver.captured:
             test = replace(test, flown=_movements(LATERAL, monitor.inputs))
     else:
-        length = float(monitor.safe_where[:, 1].max()) * monitor.dt
+        last = np.zeros(1 + monitor.safe_where[:, 0].max(), np.int64)
+        np.maximum.at(last, *monitor.safe_where.T)
+        length, shortest = (float(edge(last[last > 0])) * monitor.dt for edge in (np.max, np.min))
         about = monitor.dt, limits_of(monitor), monitor.dictionary
         test = _flown_test(*about, monitor.inputs, length)
         recipe = simulated_test(monitor.dataset_recipe)
         if recipe is not None:
             test = replace(test, maneuver=recipe.maneuver)
+        test = replace(test, shortest=shortest)
     return replace(test, limits_known=monitor.envelope is not None)
 
 

@@ -37,8 +37,15 @@ from app.assessment.segments import (
     Segment,
     by_monitor,
     segments,
+    until_end,
 )
-from app.assessment.validity import AssessedSegment, final_withdrawal, under_limits, validity
+from app.assessment.validity import (
+    AssessedSegment,
+    ended_early,
+    final_withdrawal,
+    under_limits,
+    validity,
+)
 from app.assessment.wording import guarantee, limits_remarks, remarks, withdrawn
 from app.telemetry.contents import release
 from app.telemetry.mapping.motion import compatibility
@@ -64,6 +71,7 @@ def score(
     recipe: ScoringRecipe | None = None,
     history: LimitsHistory | SetHistory | None = None,
     digest: str = "",
+    calls: Sequence[float] = (),
 ) -> ScoredRecording:
     """Score a recording.
 
@@ -71,12 +79,13 @@ def score(
     decide what an exceedance is; where they differ from the monitor's, it is not applicable. Or a
     monitor set: each sample is assessed by the monitor in use, `monitor` is the first of the set.
     digest: SHA-256 of its file, by which a flight that trained the monitor is known, beside its
-    samples.
+    samples.   calls: times of ABORT and KNOCK IT OFF [s].
     TelemetryError where the recording lacks what the monitor needs or the recipe does not fit it;
     ValueError for an epsilon that the monitor is too small for.
     """
     recipe = recipe or ScoringRecipe()
-    return score_at_each(monitor, recorded, recipe, (recipe.epsilon,), history, digest)[0]
+    about = recipe, (recipe.epsilon,), history, digest, calls
+    return score_at_each(monitor, recorded, *about)[0]
 
 
 def score_at_each(
@@ -86,6 +95,7 @@ def score_at_each(
     epsilons: Sequence[float | None],
     history: LimitsHistory | SetHistory | None = None,
     digest: str = "",
+    calls: Sequence[float] = (),
 ) -> tuple[ScoredRecording, ...]:
     """Score at several miss rates in one pass: only the alerts depend on epsilon."""
     levels = [level_of(monitor, epsilon) for epsilon in epsilons]
@@ -95,7 +105,8 @@ def score_at_each(
     if recorded.flown is not None and recorded.flown.is_trimmed and usual:
         recipe = replace(recipe, trim=None, manoeuvres="entire")  # as in the flight
     followed = flight.manoeuvres if recipe.manoeuvres == "detected" else ()
-    selected, notes = segments(flight.recording, flight.planned, recipe, followed)
+    whole, notes = segments(flight.recording, flight.planned, recipe, followed)
+    selected = [until_end(segment, flight.recording, flight.planned) for segment in whole]
     members = [_with_use(flight.by(member), digest) for member in flight.members]
     parts = [(flight, segment) for segment in selected]
     if isinstance(history, SetHistory):
@@ -111,7 +122,7 @@ def score_at_each(
     in_force = timeline and tuple(timeline.intervals(float(t[0]), float(t[-1])))
     return tuple(
         ScoredRecording(
-            *_assessed(flight, judged, None if members else (epsilon, above)),
+            *_assessed(flight, judged, None if members else (epsilon, above), calls),
             monitor.dt,
             epsilon,
             above,
@@ -232,6 +243,8 @@ def _judge(flight: RecordedFlight, segment: Segment) -> JudgedSegment:
         verdict = under_limits(verdict, in_force)
         own = against_limits(*arguments) if silent.any() else None
         withdrawal = final_withdrawal(silent, withdrawal, in_force)
+    if segment.ends_early and limited.exceedance is None:
+        verdict = ended_early(verdict, segment.ends_early)
     inputs = monitor.flown_input(y, monitor.last_counted(y), flight.planned.amplitudes)
     about = limited, verdict, withdrawal, inputs, silent, in_force, own
     return JudgedSegment(assessed, begin, y, *about)
@@ -252,13 +265,16 @@ def _outside(flight: RecordedFlight, judged: list[JudgedSegment]) -> tuple[Recor
 
 
 def _assessed(
-    flight: RecordedFlight, judged: list[JudgedSegment], level: Level | None
+    flight: RecordedFlight,
+    judged: list[JudgedSegment],
+    level: Level | None,
+    calls: Sequence[float],
 ) -> tuple[npt.NDArray[np.void], tuple[ScoredManoeuvre, ...]]:
     """Samples and manoeuvres at one miss rate and its alert threshold; None for each monitor's."""
     levels = [level or level_of(each.assessed.monitor, None) for each in judged]
     samples = _samples(flight, judged, [above for _, above in levels])
     return samples, tuple(
-        _verdict(each.assessed.flight, each, samples, *of_each)
+        _verdict(each.assessed.flight, each, samples, *of_each, calls)
         for each, of_each in zip(judged, levels, strict=True)
     )
 
@@ -345,6 +361,7 @@ def _verdict(
     samples: npt.NDArray[np.void],
     epsilon: float,
     alert_above: float,
+    calls: Sequence[float],
 ) -> ScoredManoeuvre:
     first, last = flight.place[[judged.first, judged.stop - 1]].tolist()
     part = samples[first : last + 1]
@@ -354,7 +371,8 @@ def _verdict(
     alerts = alert_times(part["t"], part["alert"])
     limited, promised = judged.limited, flight.monitor.lead
     withdrawal, own = judged.withdrawal, judged.own
-    result, lead = outcome(alerts, limited.exceedance, promised)
+    is_cut = bool(judged.segment.ends_early)
+    result, lead = outcome(alerts, limited.exceedance, promised, is_cut=is_cut, calls=calls)
     limits_known = flight.planned.limits_known or bool(judged.in_force)
     if not limits_known:
         result, lead = "unknown", None

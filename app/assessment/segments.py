@@ -113,6 +113,7 @@ class Segment(NamedTuple):
     requested: length of rest requested [s], if the recording has less; else None.
     since: first sample of which the monitor knows, in a monitor set.   joins: why it says nothing
     of the rest of a manoeuvre; None unless it comes into use after the beginning of one.
+    ends_early: why its samples end within the manoeuvre; empty if they do not.
     """
 
     name: str
@@ -124,6 +125,7 @@ class Segment(NamedTuple):
     requested: float | None = None
     since: int = 0
     joins: str | None = None
+    ends_early: str = ""
 
     def trim_of(self, y: Array, dictionary: Dictionary = LATERAL) -> Array:
         """(n_channels,) trim, NaN where unknown, 0 where none is subtracted.
@@ -137,6 +139,20 @@ class Segment(NamedTuple):
         trim = mean_of_rest(y[self.rest])
         trim[list(dictionary.absolute)] = 0.0
         return trim
+
+
+def until_end(segment: Segment, recording: Recording, planned: PlannedTest) -> Segment:
+    """The segment; where the recording ends within the planned manoeuvre, it says so."""
+    least = planned.least_flown
+    if least is None or segment.last < len(recording.t) - 1:
+        return segment
+    n_trim = round(planned.trim_segment_s / planned.dt)
+    begin = segment.first + n_trim if segment.onset is None else segment.onset
+    flown = max(0, segment.last - begin) * planned.dt
+    if flown >= least - 0.5 * planned.dt:
+        return segment
+    why = f"the recording ends within the manoeuvre, {flown:.2f} s after its beginning"
+    return segment._replace(ends_early=f"{why}; at least {least:.3g} s are needed")
 
 
 def segments(

@@ -118,6 +118,14 @@ def validity(assessed: AssessedSegment) -> tuple[Validity, Withdrawal | None]:
     return result, Withdrawal(0, in_words(failed)) if failed else withdrawal
 
 
+def ended_early(verdict: Validity, why: str) -> Validity:
+    """Simulated flights go on to the end: without an exceedance, no promise covers a part."""
+    check = Check("end", None, why)
+    valid = None if verdict.valid else verdict.valid
+    reasons = (*verdict.reasons, why)
+    return replace(verdict, valid=valid, reasons=reasons, checks=(*verdict.checks, check))
+
+
 def under_limits(verdict: Validity, in_force: Sequence[Mapping[str, Any]]) -> Validity:
     """Add the limit set's check: not applicable where its limits are not the monitor's.
 

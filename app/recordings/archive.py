@@ -32,6 +32,7 @@ from urllib.parse import quote
 import numpy as np
 
 from app import json_codec
+from app.assessment.outcome import WITHOUT_VERDICT
 from app.messages import limited_channels
 from app.recordings.exports import EXPORTS, ExportColumn, columns
 from app.recordings.files import digest_of
@@ -300,7 +301,7 @@ def summary_of(scored: Scored) -> dict[str, Any]:
         "misses": outcomes.count("missed"),
         "false_alarms": outcomes.count("false_alert"),
         "quiet": outcomes.count("quiet"),
-        "no_verdict": sum(each in ("unseen", "invalid", "unknown") for each in outcomes),
+        "no_verdict": sum(each in WITHOUT_VERDICT for each in outcomes),
         "valid": valid.count(True),
         "not_valid": valid.count(False),
         "validity_unknown": valid.count(None),

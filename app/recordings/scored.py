@@ -38,6 +38,7 @@ from app.store.tables import new_id, now
 from app.telemetry.mapping.mapping import Mapping
 from core import __version__
 from core.conditions import ConditionKey
+from core.flight_events import FLIGHT_MARKERS
 from core.kernels.compiled import threads
 from core.monitor import Monitor
 from core.monitor.monitor_set import MonitorCase, MonitorSet
@@ -117,6 +118,8 @@ class ScoredRecordings:
         plain = self.store.recordings.mapped_columns(recording_id).mapping
         digest_of_file = self.store.recordings.info(recording_id).digest
         asked = recipe.to_plain() | ({} if by_set is None else {"monitor_set": by_set.to_plain()})
+        calls = self._calls(recording_id)
+        asked |= {"calls": calls} if calls else {}
         inputs = [digest_of_file, plain, info.id, info.digest, asked, __version__]
         request = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
         if stored := self.store.scorings.find(recording_id, request):
@@ -125,7 +128,7 @@ class ScoredRecordings:
         mapping = Mapping.from_plain(plain)
         recorded = self.recordings.mapped(recording_id, mapping).scorable()
         history = self._history(recording_id, mapping, by_set)
-        scored = score(monitor, recorded, recipe, history, digest_of_file)
+        scored = score(monitor, recorded, recipe, history, digest_of_file, calls)
         folder, scoring_id = self.files.scorings(recording_id), new_id()
         self.files.require(2 * scored.samples.nbytes)
         hashed = threads().submit(digest, scored.samples)
@@ -158,6 +161,12 @@ class ScoredRecordings:
         """Limits in force over time for monitors, see `limits_over_time`."""
         history = self._history(info.recording_id, Mapping.from_plain(info.mapping))
         return limits_over_time(history, monitors)
+
+    def _calls(self, recording_id: str) -> list[float]:
+        """Times of ABORT and KNOCK IT OFF among the markers of a recording [s]."""
+        words = FLIGHT_MARKERS["abort"].word, FLIGHT_MARKERS["knock_it_off"].word
+        markers = self.store.markers.of(recording_id)
+        return [marker.t for marker in markers if marker.text.startswith(words)]
 
     def _history(
         self, recording_id: str, mapping: Mapping, by_set: SetRequest | None = None

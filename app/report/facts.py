@@ -27,6 +27,8 @@ BY_INTEREST = (
     "missed",
     "late_alert",
     "unseen",
+    "aborted",
+    "cut",
     "false_alert",
     "timely_alert",
     "invalid",
@@ -109,6 +111,9 @@ def _of_valid(manoeuvres: Sequence[Plain]) -> tuple[str, str]:
         return "bad", "A limit was exceeded where samples are missing: no verdict on alerts"
     if unseen:
         return "caution", "Samples are missing: a limit may have been exceeded"
+    if not n["timely_alert"] and (n["cut"] or n["aborted"]):
+        why = "Samples end within a manoeuvre" if n["cut"] else "Aborted after the alert"
+        return "caution", f"{why}: no verdict"
     unchecked = any(s["validity"]["valid"] is None for s in manoeuvres)
     level = "caution" if n["false_alert"] or unchecked else "good"
     if n["timely_alert"]:
@@ -128,7 +133,7 @@ def worst(manoeuvres: Sequence[Plain]) -> list[tuple[str, str]]:
     return [
         (manoeuvre["name"], outcome_of(manoeuvre)[1])
         for manoeuvre in manoeuvres
-        if (outcome := manoeuvre["outcome"]) in ("missed", "late_alert", "unseen")
+        if (outcome := manoeuvre["outcome"]) in ("missed", "late_alert", "unseen", "cut", "aborted")
         or (outcome == "invalid" and manoeuvre["exceedance"])
     ]
 

@@ -1,5 +1,6 @@
 """A small transport on a rudder doublet: its monitor, flights and real records."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -66,9 +67,14 @@ def recorded(y: np.ndarray, dt: float = TEST.dt, start: float = 0.0, **more: flo
     return Traces({key: Trace(t, column, source=key) for key, column in values.items()})
 
 
-def score(monitor: Monitor, traces: Traces, recipe: ScoringRecipe | None = None) -> ScoredRecording:
-    """Score channels as they were recorded."""
-    return score_repaired(monitor, repair(traces), recipe)
+def score(
+    monitor: Monitor,
+    traces: Traces,
+    recipe: ScoringRecipe | None = None,
+    calls: Sequence[float] = (),
+) -> ScoredRecording:
+    """Score channels as they were recorded. calls: times of ABORT and KNOCK IT OFF [s]."""
+    return score_repaired(monitor, repair(traces), recipe, calls=calls)
 
 
 def record_file(name: str) -> Path:

@@ -594,3 +594,26 @@ def test_a_trim_segment_of_any_length_takes_what_is_recorded(attas: Monitor, cal
     (longest,) = score(attas, recorded(calm), ScoringRecipe(trim=1e308)).manoeuvres
     (long,) = score(attas, recorded(calm), ScoringRecipe(trim=1e4)).manoeuvres
     assert longest.trim == long.trim
+
+
+@pytest.mark.parametrize("calls", [(), (9.0,), (0.5,)])
+def test_a_recording_that_ends_within_a_manoeuvre_has_no_verdict(attas: Monitor, calls):
+    """An alert followed by a call is an abort; an exceedance keeps its verdict."""
+    outcomes = set()
+    for y in fly(40, 6).y:
+        manoeuvre = the_only_manoeuvre(attas, recorded(y))
+        stop = manoeuvre.first + 60
+        (part,) = score(attas, recorded(y[:stop]), calls=calls).manoeuvres
+        if manoeuvre.outcome == "invalid" or part.outcome == "invalid":
+            continue
+        if part.exceedance is not None:
+            assert part.outcome == manoeuvre.outcome
+            continue
+        is_aborted = bool(part.alerts) and any(t >= part.alerts[0][0] for t in calls)
+        assert part.outcome == ("aborted" if is_aborted else "cut")
+        assert part.validity.valid is None
+        assert part.guarantee.startswith("No guarantee: the recording ends within the manoeuvre")
+        level, words = facts.headline([asdict(part)])
+        assert (level, words.endswith("no verdict")) == ("caution", True)
+        outcomes.add(part.outcome)
+    assert outcomes == ({"cut", "aborted"} if 9.0 in calls else {"cut"})
