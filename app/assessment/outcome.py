@@ -374,6 +374,14 @@ def wording_of(manoeuvre: Mapping[str, Any]) -> Wording:
     return Wording("▲", verdict, "caution" if is_timely else "alert", verdict)
 
 
+def begins_in_words(manoeuvre: Mapping[str, Any]) -> str:
+    """When a stored manoeuvre begins, and its trim segment; "" where that was not detected."""
+    begins, start = manoeuvre.get("begins"), manoeuvre["start"]
+    if begins is None:
+        return ""
+    return f"begins {begins:.2f} s" + (f" (trim from {start:.2f} s)" if start < begins else "")
+
+
 def verdict_of(manoeuvre: Mapping[str, Any], promised: float | None = None) -> str:
     """The verdict on the exceedance of a manoeuvre (by field); "" where there was none."""
     if manoeuvre["exceedance"] is not None:

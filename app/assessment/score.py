@@ -370,7 +370,7 @@ def _verdict(
     rises = peak is not None and part["p_value"][peak] > smallest_epsilon(flight.monitor.n_unsafe)
     alerts = alert_times(part["t"], part["alert"])
     limited, promised = judged.limited, flight.monitor.lead
-    withdrawal, own = judged.withdrawal, judged.own
+    withdrawal, own, onset = judged.withdrawal, judged.own, judged.segment.onset
     is_cut = bool(judged.segment.ends_early)
     result, lead = outcome(alerts, limited.exceedance, promised, is_cut=is_cut, calls=calls)
     limits_known = flight.planned.limits_known or bool(judged.in_force)
@@ -424,6 +424,7 @@ def _verdict(
         monitor=judged.in_force[0]["monitor_name"] if flight.members else "",
         alert_above=alert_above if flight.members else None,
         worst=limited.worst,
+        begins=None if onset is None else float(flight.recording.t[onset]),
     )
 
 

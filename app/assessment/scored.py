@@ -80,7 +80,8 @@ class Validity:
 class ScoredManoeuvre:
     """One manoeuvre and its outcome.
 
-    start, end: [s].   first, last: numbers of its samples, both included.
+    start, end: [s], with the trim segment before it.   begins: with its first input, as in flight
+    [s]; None for one that was not detected.   first, last: numbers of its samples, both included.
     trim: subtracted from each channel, in order; None where unknown.
     peak_risk, peak_t: largest p-value and its time [s]; None where nothing was assessed, the time
     also where no p-value exceeds the smallest possible one.
@@ -127,6 +128,7 @@ class ScoredManoeuvre:
     monitor: str = ""
     alert_above: float | None = None
     worst: tuple[RecordedExceedance, ...] = ()
+    begins: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

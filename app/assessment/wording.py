@@ -12,6 +12,7 @@ from app.assessment.outcome import (
     Limited,
     Peak,
     RecordedExceedance,
+    begins_in_words,
     lead_words,
     verdict_of,
 )
@@ -304,6 +305,8 @@ def _lines(
     if of_day:
         times = f"{times}, {time_of_day(manoeuvre.start)} to {time_of_day(manoeuvre.end)}"
     yield f"{manoeuvre.name}, {times}: {_outcome(manoeuvre)}"
+    if begins := begins_in_words(asdict(manoeuvre)):
+        yield f"  {begins}"
     if manoeuvre.peak_risk is not None:
         yield from _risk(monitor, scored, manoeuvre, manoeuvre.peak_risk, of_day)
     elif manoeuvre.withdrawn_t is None:

@@ -9,7 +9,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from app.assessment.limits_history import pieces_of
-from app.assessment.outcome import OUTCOMES, lead_words
+from app.assessment.outcome import OUTCOMES, begins_in_words, lead_words
 from app.assessment.wording import PROMISED, alerts_above, amplitude_of
 from app.recipes.labels import choice_label, kind_label
 from app.recipes.recipes import to_plain
@@ -175,6 +175,7 @@ TEMPLATES.filters |= {
     "interval": _interval,
     "delay": _delay,
     "outcome_of": facts.outcome_of,
+    "begins": begins_in_words,
     "amplitude_of": lambda s: amplitude_of(s["outcome"], s.get("amplitude")),
     "short": lambda name: name if len(name) <= MOST_LETTERS else f"{name[:MOST_LETTERS]}…",
     "kind": kind_label,

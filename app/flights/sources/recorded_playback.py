@@ -102,7 +102,7 @@ class RecordedScript(StoredScript):
         if monitor is not None:
             self._follow(monitor)
             planned = known_test(monitor)
-            onsets_of = (self._first_input(each, planned) for each in manoeuvres)
+            onsets_of = (self._begins(each, planned) for each in manoeuvres)
             self.begun = [t for t in onsets_of if t is not None]
             if any(map(any, trims)):
                 check = TrimCheck(monitor.dictionary, monitor.envelope)
@@ -112,8 +112,10 @@ class RecordedScript(StoredScript):
                     check.note(float(self.t[begin]), trim)
                 self.trims = list(check.changes)
 
-    def _first_input(self, manoeuvre: Mapping[str, Any], planned: PlannedTest) -> float | None:
+    def _begins(self, manoeuvre: Mapping[str, Any], planned: PlannedTest) -> float | None:
         """Time of the first input of a manoeuvre [s]; None where no control departs."""
+        if (begins := manoeuvre.get("begins")) is not None:
+            return begins
         ends = manoeuvre.get("start", -np.inf), manoeuvre.get("end", np.inf)
         first, stop = np.searchsorted(self.t, ends).tolist()
         for at in range(first, stop, SOUGHT_AT_ONCE):

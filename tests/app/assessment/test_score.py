@@ -133,6 +133,7 @@ def test_a_detected_manoeuvre_has_the_planned_trim_segment_and_length(attas: Mon
         manoeuvre = the_only_manoeuvre(attas, recorded(y, start=3358.0))
         moved = np.flatnonzero(np.abs(y[:, 5]) > 5 * TEST.noise.delta_r)[0]
         assert manoeuvre.first == pytest.approx(moved - 1 - 0.5 / attas.dt, abs=2)
+        assert manoeuvre.begins == pytest.approx(manoeuvre.start + 0.5)
         assert manoeuvre.end - manoeuvre.start == pytest.approx(TEST.maneuver.duration_s, abs=1e-6)
         assert manoeuvres_in(attas, repair(recorded(y, start=3358.0))) == (
             Interval(manoeuvre.start, manoeuvre.end, "manoeuvre 1"),

@@ -68,6 +68,7 @@ def test_a_real_doublet_that_exceeds_the_limit_is_warned_of(attas_monitor: Path,
     assert "beta     beta_rad [rad]" in report
     assert "from 25 Hz to 20 Hz" in report
     assert "manoeuvre 1, 5.50 to 11.50 s: LIMIT EXCEEDED, warned " in report
+    assert "begins 6.00 s (trim from 5.50 s)" in report
     assert "exceedance         at 8.76 s" in report
     assert "at least the promised 0.25 s" in report
     assert "for flights like the simulated ones" in report

@@ -57,6 +57,8 @@ def test_an_archive_is_summed_filtered_and_its_flights_open(page: Page, site: Si
     assert tiles.value.ok
     expect(page.get_by_role("heading", name="D-FLY/20240602.csv")).to_be_visible()
     expect(page.locator(".verdict")).to_have_count(1)
+    events = page.get_by_role("region", name="Events", exact=True)
+    expect(events).to_contain_text("manoeuvre 1 begins (trim from 5.10 s)")
     expect(page.locator(".scored-chart")).to_contain_text(re.compile(r"β−?\d+\.\d+ … \d"))
     page.get_by_role("link", name="Archive", exact=True).click()
     expect(page.get_by_role("heading", name="card 7")).to_be_visible()

@@ -52,12 +52,12 @@ function ofExceedance({ t, channel, value, limit = null, doubt = "" }, channels,
 }
 
 function ofManoeuvre(manoeuvre, channels, alertAbove) {
-  const { name, start, alerts, exceedance, recorded_exceedance: raw, peak_t: peak, peak_risk: risk, validity, alert_above: own } = manoeuvre;
+  const { name, start, begins, alerts, exceedance, recorded_exceedance: raw, peak_t: peak, peak_risk: risk, validity, alert_above: own } = manoeuvre;
   const alertText = (from, to) => (to > from ? `alert until ${secondsText(to)}` : "alert, one sample");
   const withdrawn = withdrawnAt(manoeuvre);
   const isPeak = validity.valid !== false && Number.isFinite(peak) && peak > start;
   return [
-    { t: start, text: `${name} begins`, level: "" },
+    { t: begins ?? start, text: `${name} begins${begins > start ? ` (trim from ${secondsText(start)})` : ""}`, level: "" },
     withdrawn !== null && { t: withdrawn, text: `${name} is INVALID: risk withdrawn from here`, level: "caution" },
     ...alerts.map(([from, to]) => ({ t: from, text: alertText(from, to), level: "alert" })),
     exceedance && ofExceedance(exceedance, channels),

@@ -31,8 +31,8 @@ export function createVerdictTable(scoring, { show }) {
     bodies.forEach((body, k) => body.toggleAttribute("data-chosen", k === chosen));
   }
 
-  function nameOf({ name, start, end }, k) {
-    const times = h("span.hint.hint-line", `${secondsText(start)} to ${secondsText(end)}`);
+  function nameOf({ name, start, end, begins }, k) {
+    const times = h("span.hint.hint-line", `${secondsText(start)} to ${secondsText(end)}`, begins > start && `, begins ${secondsText(begins)}`);
     return [h("button", { type: "button", class: "link-button", onclick: () => show(k) }, name), times];
   }
 
