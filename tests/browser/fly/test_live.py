@@ -145,6 +145,7 @@ def test_a_key_begins_a_manoeuvre_which_is_listed_and_cannot_begin_twice(live: L
     live.page.keyboard.press("Escape")
     live.end()
     expect(live.event(trim)).to_be_visible()
+    expect(sensor).to_have_text([words])  # in the record too
 
 
 def test_a_source_that_died_is_as_old_in_each_place_and_grows_older(own_live: Live) -> None:
