@@ -47,11 +47,12 @@ export function showSessionCheck(element, { query, api }) {
     const head = h("p.check-head", { role: "status" });
     const rows = new Map([...results.keys()].map((key) => [key, row(key)]));
     const small = { class: "button button-small" };
+    const flying = needs("POST /flights");
     const heard = h("span.row", { hidden: true }, button("I heard it", () => sound(true), small), button("I heard nothing", () => sound(false), small));
     const voice = h("input", { type: "checkbox", checked: tone.voice, onchange: chooseVoice });
     const callouts = h("span.row", { hidden: !tone.voice }, CALLOUTS.map((name) => button(`“${name}”`, () => play(name), { ...small, "aria-label": `Play the callout ${name}` })));
     rows.get("sound").acts.append(button("Play the tone", () => play(), small), h("label.row", voice, "spoken callouts after the tone"), callouts, heard);
-    rows.get("drill").acts.append(button("Start the drill", startDrill, { ...small, ...needs("POST /flights") }));
+    rows.get("drill").acts.append(button("Start the drill", startDrill, { ...small, ...flying }));
     rows.get("link").acts.append(button("Measure again", measure, small));
     const page = h("div.page", h("div.panel.session-check",
       h("h1", "Session check"),
@@ -60,7 +61,7 @@ export function showSessionCheck(element, { query, api }) {
       head,
       h("table.check-table", h("caption.visually-hidden", "Checks"), h("tbody", [...rows.values()].map(({ element: each }) => each))),
       failure.element,
-      h("div.row", button("Store the result", store, { class: "button button-primary" }), button("Print", () => window.print()), h("a.button", { href: "#/fly" }, "Start a flight"), kept)));
+      h("div.row", button("Store the result", store, { class: "button button-primary", ...flying }), button("Print", () => window.print()), h("a.button", { href: "#/fly", ...flying }, "Start a flight"), kept)));
     again();
     return page;
 

@@ -122,8 +122,9 @@ export function loading(text) {
 export const empty = (...parts) => state("empty", ...parts);
 
 export function failure(error, again) {
-  const actions = again ? [button("Try again", again)] : [];
-  return state("error", "This could not be shown", reason(error), ...actions);
+  const isRefused = error.status === 403; // so is the next request
+  const actions = again && !isRefused ? [button("Try again", again)] : [];
+  return state("error", isRefused ? "Not shown to your role" : "This could not be shown", reason(error), ...actions);
 }
 
 export function state(kind, title, text, ...actions) {
@@ -138,7 +139,8 @@ export function pageOf(title, actions, ...content) {
 }
 
 export function link(text, hash, primary = false) {
-  return h("a", { class: primary ? "button button-primary" : "button", href: hash }, text);
+  const starts = hash.startsWith("#/fly?") ? needs("POST /flights") : {};
+  return h("a", { class: primary ? "button button-primary" : "button", href: hash, ...starts }, text);
 }
 
 export function button(text, pressed, attributes = {}) {

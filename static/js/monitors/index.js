@@ -71,7 +71,7 @@ function uploader(api, navigate) {
 
 function listOf(monitors, catalog) {
   const fly = ({ id, name }) =>
-    h("a.button.button-small", { href: `#/fly?monitor=${id}`, "aria-label": `Fly ${name}` }, "Fly");
+    h("a.button.button-small", { href: `#/fly?monitor=${id}`, "aria-label": `Fly ${name}`, ...needs("POST /flights") }, "Fly");
   const columns = [
     ["Name", (monitor) => [h("a", { href: `#/monitors/${monitor.id}` }, monitor.name), warningMark(monitor)], "name"],
     ["Aircraft", (monitor) => testNames(catalog, monitor)[0]],

@@ -4,6 +4,7 @@ import { channelTable } from "../datasets/channel_table.js";
 import { rolloutFigure, sampleRollouts } from "../datasets/figures.js";
 import { foldedPanel } from "../forms/controls.js";
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
+import { needs } from "../lib/api.js";
 import { channelsOf, isSimulated, kindName, limitsOfMonitor, loadCatalog, methodWords, modelFacts, ownLimits, testNames, testRecipe } from "../lib/catalog.js";
 import {
   button,
@@ -66,7 +67,7 @@ export function showMonitor(element, { id, api, navigate }) {
     return pageOf(
       monitor.name,
       [
-        button("Fly", () => navigate(`#/fly?monitor=${id}&epsilon=${cost.epsilon}`), { class: "button button-primary" }),
+        button("Fly", () => navigate(`#/fly?monitor=${id}&epsilon=${cost.epsilon}`), { class: "button button-primary", ...needs("POST /flights") }),
         h("a.button", { href: `/api/v1/monitors/${id}/file`, download: true }, "Download"),
         evaluation && h("a.button", { href: `/api/v1/monitors/${id}/certificate`, target: "_blank" }, "Certificate"),
         predictor?.kind !== "combination" && again(),
