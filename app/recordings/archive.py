@@ -61,6 +61,7 @@ Count = Literal[
     "n_samples",
     "manoeuvres",
     "exceedances",
+    "exceedances_as_recorded",
     "exceedances_outside",
     "alerts",
     "warned_in_time",
@@ -74,6 +75,8 @@ Count = Literal[
     "validity_unknown",
 ]
 COUNTS: tuple[str, ...] = get_args(Count)
+ADDED = "exceedances_as_recorded"
+"""Not in tables of version 0.2.0 and earlier, whose `exceedances` include these."""
 SUMMARY = (
     dict.fromkeys(("monitor", "aircraft", "flight", "month", "samples"), "string")
     | dict.fromkeys(("epsilon", "start", "end", "peak_risk"), "float64")
@@ -81,7 +84,7 @@ SUMMARY = (
 )
 FILES = dict.fromkeys(("flight", "digest", "error", "copy_of"), "string") | {"size": "int64"}
 """Types of the columns of the tables."""
-LAYOUT = 2
+LAYOUT = 3
 """Of a record, which is made again where it has another."""
 DETAILS = ("mapping", "time_zero", "request", "details")
 """What a record has besides the rows of the summary."""
@@ -278,7 +281,12 @@ class ArchiveScorer:
 
 
 def summary_of(scored: Scored) -> dict[str, Any]:
-    """Numbers of a scoring: of manoeuvres, but for `alerts`, runs of alerts; times in [s]."""
+    """Numbers of a scoring: of manoeuvres, but for `alerts`, runs of alerts; times in [s].
+
+    Each manoeuvre is warned in time or late, a miss, a false alarm, quiet or without a verdict;
+    each exceedance is warned in time or late, a miss or without a verdict. One as recorded only,
+    not from trim, is none of `exceedances`.
+    """
     recording = scored.recording
     outcomes = [manoeuvre.outcome for manoeuvre in recording.manoeuvres]
     valid = [manoeuvre.validity.valid for manoeuvre in recording.manoeuvres]
@@ -290,8 +298,9 @@ def summary_of(scored: Scored) -> dict[str, Any]:
         "end": float(t[-1]) if len(t) else None,
         "n_samples": len(t),
         "manoeuvres": len(outcomes),
-        "exceedances": sum(
-            (each.exceedance or each.recorded_exceedance) is not None
+        "exceedances": sum(each.exceedance is not None for each in recording.manoeuvres),
+        ADDED: sum(
+            each.exceedance is None and each.recorded_exceedance is not None
             for each in recording.manoeuvres
         ),
         "exceedances_outside": len(recording.outside_exceedances),

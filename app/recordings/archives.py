@@ -18,6 +18,7 @@ import numpy as np
 from app.assessment import sample_type
 from app.recordings.archive import (
     ABOUT,
+    ADDED,
     COUNTS,
     FILES,
     ID_LETTERS,
@@ -200,7 +201,7 @@ class ScoredArchive:
         except pa.ArrowException as error:
             raise ArchiveError(f"{self.folder} is damaged: {error}: {SCORE_AGAIN}") from None
         for table, kinds in zip(tables, (SUMMARY, FILES), strict=True):
-            if missing := kinds.keys() - set(table.column_names):
+            if missing := kinds.keys() - {*table.column_names, ADDED}:
                 raise ArchiveError(
                     f"{self.folder} has tables without {', '.join(sorted(missing))}: {SCORE_AGAIN}"
                 )
@@ -208,7 +209,10 @@ class ScoredArchive:
             raise ArchiveError(
                 f"{self.folder} is being written, or its writing was interrupted: {SCORE_AGAIN}"
             )
-        return ArchiveTables(plain, *tables)
+        summary, files = tables
+        if ADDED not in summary.column_names:
+            summary = summary.append_column(ADDED, pa.nulls(len(summary), pa.int64()))
+        return ArchiveTables(plain, summary, files)
 
     def _record(self, flight_id: str) -> dict[str, Any]:
         name = f"{RECORDS}/{flight_id}.json"

@@ -51,14 +51,23 @@ class ArchiveInfo(BaseModel):
 
 
 class ArchiveCounts(BaseModel):
-    """Counts of manoeuvres, except of samples and `alerts`, which are runs of alerts."""
+    """Counts of manoeuvres, except of samples and `alerts`, which are runs of alerts.
+
+    manoeuvres = warned_in_time + warned_late + misses + false_alarms + quiet + no_verdict. An
+    exceedance that is not warned in time or late nor a miss is one without a verdict.
+    """
 
     monitor: str
     aircraft: str | None = Field(default=None, description="null if not known, or not asked for")
     month: str | None = Field(default=None, description="as YYYY-MM; null as for the aircraft")
     n_samples: int
     manoeuvres: int
-    exceedances: int
+    exceedances: int = Field(description="from trim")
+    exceedances_as_recorded: int | None = Field(
+        default=None,
+        description="as recorded only, not from trim; null if scored by version 0.2.0 or earlier, "
+        "which counts them in `exceedances`",
+    )
     exceedances_outside: int = Field(description="outside every manoeuvre")
     alerts: int
     warned_in_time: int

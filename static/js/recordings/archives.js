@@ -22,6 +22,7 @@ const SOME = [
   ["", "all flights"],
   ["misses", "with misses"],
   ["exceedances", "with exceedances"],
+  ["exceedances_as_recorded", "with exceedances as recorded only"],
   ["warned_late", "with late alerts"],
   ["false_alarms", "with false alarms"],
   ["not_valid", "with INVALID manoeuvres"],
@@ -33,15 +34,19 @@ const SORTS = [
   ["peak_risk", "highest risk"],
   ["flight", "name"],
 ];
+const ADDS_UP =
+  "Each manoeuvre is in time, late, a miss, a false alarm, quiet or without a verdict. Each exceedance, measured from trim, is in time, late, a miss or without a verdict; one as recorded only, or outside every manoeuvre, is counted apart.";
 const BAD = (n) => (n ? chip(`◆ ${count(n)}`, "caution") : count(n));
 const COUNTS = [
   ["Manoeuvres", ({ manoeuvres }) => count(manoeuvres), "number"],
-  ["Exceedances", ({ exceedances: n, exceedances_outside: outside }) => [count(n), outside > 0 && h("span.hint.hint-line", `${count(outside)} outside`)], "number"],
+  ["Exceedances", exceedancesOf, "number"],
   ["Alerts", ({ alerts }) => count(alerts), "number"],
   ["In time", ({ warned_in_time: n }) => count(n), "number"],
   ["Late", ({ warned_late: n }) => BAD(n), "number"],
   ["Misses", ({ misses }) => BAD(misses), "number"],
   ["False alarms", ({ false_alarms: n }) => count(n), "number"],
+  ["Quiet", ({ quiet }) => count(quiet), "number"],
+  ["No verdict", noVerdictOf, "number"],
   ["Applicable", validityOf, "number"],
 ];
 
@@ -66,6 +71,17 @@ export function show(element, context) {
     return pageOf("Archives", actions, archives.length ? table({ columns, items: archives }) : none);
   }
 }
+
+function exceedancesOf({ exceedances: n, exceedances_as_recorded: recorded, exceedances_outside: outside }) {
+  return [count(n), recorded > 0 && hint(`${count(recorded)} more as recorded only`), outside > 0 && hint(`${count(outside)} more outside`)];
+}
+
+function noVerdictOf({ no_verdict: n, exceedances, exceedances_as_recorded: recorded, warned_in_time: inTime, warned_late: late, misses }) {
+  const exceeded = recorded === null ? 0 : exceedances - inTime - late - misses;
+  return [count(n), exceeded > 0 && hint(`${count(exceeded)} with an exceedance`)];
+}
+
+const hint = (text) => h("span.hint.hint-line", text);
 
 function validityOf({ valid, not_valid: not, validity_unknown: unknown, manoeuvres }) {
   const title = `${count(valid)} applicable, ${count(not)} INVALID, ${count(unknown)} unknown`;
@@ -112,7 +128,7 @@ function showArchive(element, { id, api }) {
       panel("Scored", [facts(archive), h("p.hint", "Recordings of ", h("code", archive.source)), monitorTable(monitors)]),
       h("div.row.archive-filters", chosen.aircraft.element, several && chosen.monitor.element, chosen.month.element),
       failure.element,
-      panel("Summary", sums, { beside: by.element }),
+      panel("Summary", [sums, h("p.hint", ADDS_UP)], { beside: by.element }),
       panel("Flights", [rows, list.more], { beside: h("span.row.archive-filters", list.box, some.element, sort.element) }),
       archive.n_failed ? panel("Files not scored", [bad, failed.more], { beside: failed.box }) : null,
     );

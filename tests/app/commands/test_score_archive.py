@@ -20,10 +20,13 @@ import pytest
 
 from app.cli import main
 from app.recordings import archive
-from app.recordings.archive import ArchiveRequest, month_of
+from app.recordings.archive import ArchiveRequest, month_of, summary_of
 from app.recordings.result_folder import LocalFolder, result_folder
-from app.recordings.scored_file import ScoreRequest
+from app.recordings.scored_file import Scored, ScoreRequest
 from app.telemetry.readers import isolation
+from core.channels import KEYS
+from core.monitor import Monitor
+from tests.support.attas import fly, recorded, score
 from tests.support.places import DATA
 
 pytestmark = pytest.mark.usefixtures("read_here")
@@ -94,6 +97,19 @@ def test_a_recording_has_the_bits_and_the_judgement_of_score(
     assert row["false_alarms"] == outcomes.count("false_alert")
     assert row["peak_risk"] == max(each["peak_risk"] for each in plain["manoeuvres"])
     assert row["epsilon"] == plain["epsilon"]
+
+
+def test_an_exceedance_as_recorded_only_is_counted_apart_and_the_counts_add_up(
+    attas: Monitor,
+) -> None:
+    y = fly(1, 5).y[0]
+    y[:, KEYS.index("Ny")] += 0.3  # beyond the limit with this trim only
+    flight = score(attas, recorded(np.array([*y, *y])))
+    row = summary_of(Scored("", Path(), attas, flight))
+    outcomes = ("warned_in_time", "warned_late", "misses", "false_alarms", "quiet", "no_verdict")
+    assert (row["manoeuvres"], row["exceedances"]) == (2, 0)
+    assert row["exceedances_as_recorded"] == 2
+    assert sum(row[name] for name in outcomes) == 2
 
 
 def test_the_tables_are_read_by_aircraft_and_month(

@@ -14,7 +14,7 @@ import pytest
 from starlette.testclient import TestClient
 
 from app.cli import main
-from app.recordings.archive import ABOUT, FILES, SUMMARY
+from app.recordings.archive import ABOUT, ADDED, FILES, SUMMARY
 from tests.support.api import api, problem
 from tests.support.places import DATA
 
@@ -41,7 +41,7 @@ def scored(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def large(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Tables of many flights."""
+    """Tables of many flights, as version 0.2.0 wrote them."""
     folder = tmp_path_factory.mktemp("large")
     rng = np.random.default_rng(1)
     rows: list[dict[str, Any]] = [
@@ -54,7 +54,9 @@ def large(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rows.sort(key=lambda row: row["flight"])
     about = {ABOUT: json.dumps({"scored": "2026", "version": "1", "source": "s", "monitors": []})}
     for name, kinds in (("summary", SUMMARY), ("files", FILES)):
-        schema = pa.schema([(key, pa.type_for_alias(kind)) for key, kind in kinds.items()], about)
+        schema = pa.schema(
+            [(key, pa.type_for_alias(kind)) for key, kind in kinds.items() if key != ADDED], about
+        )
         plain = rows if kinds is SUMMARY else [{"flight": row["flight"]} for row in rows]
         pq.write_table(pa.Table.from_pylist(plain, schema), folder / f"{name}.parquet")
     return folder
@@ -125,6 +127,7 @@ def test_sums_are_those_of_the_rows(client: TestClient, paths: dict[str, str], l
     (total,) = client.get(path).json()
     assert total["flights"] == N_FLIGHTS
     assert total["misses"] == sum(row["misses"] for row in rows)
+    assert total[ADDED] is None
     groups = client.get(f"{path}&by=aircraft&by=month").json()
     assert len(groups) == len({(row["aircraft"], row["month"]) for row in rows})
     for group in groups:

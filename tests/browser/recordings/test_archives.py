@@ -38,6 +38,10 @@ def test_an_archive_is_summed_filtered_and_its_flights_open(page: Page, site: Si
     page.get_by_role("link", name="card 7").click()
     sums, flights = page.locator(".archive-table").first, page.locator(".archive-table").last
     expect(sums.locator('[data-label="Flights"]')).to_have_text("2")
+    each = ("In time", "Late", "Misses", "False alarms", "Quiet", "No verdict")
+    counts = [sums.locator(f'[data-label="{name}"]').inner_text() for name in each]
+    manoeuvres = sums.locator('[data-label="Manoeuvres"]').inner_text()
+    assert sum(int(re.findall(r"\d+", text)[0]) for text in counts) == int(manoeuvres)
     expect(page.get_by_role("row", name="bad.csv")).to_contain_text("no row of numbers")
     page.get_by_role("combobox", name="Summed by", exact=True).select_option("aircraft")
     expect(sums.locator("tbody tr")).to_have_count(2)
