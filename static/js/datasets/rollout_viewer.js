@@ -3,6 +3,7 @@
 import { createFlightChart } from "../charts/live/flight_chart.js";
 import { limitedFirst } from "../charts/strips.js";
 import { fold, select } from "../forms/controls.js";
+import { needs } from "../lib/api.js";
 import { button, errorLine, factList, formatted, h, link, panel } from "../lib/dom.js";
 import { figure } from "../lib/numbers.js";
 
@@ -23,8 +24,9 @@ export function createRolloutViewer({ api, channels, dataset, monitors, navigate
     { id: "replay-monitor", "aria-label": "monitor for the replay" },
   );
   const training = link("Train a monitor", `#/monitors/new?dataset=${dataset.id}`);
+  const flying = needs("POST /flights");
   const replay = monitors.length
-    ? [button("Replay with", fly, { class: "button button-primary" }), h("div.field", monitor)]
+    ? [button("Replay with", fly, { class: "button button-primary", ...flying }), h("div.field", flying, monitor)]
     : [h("span.hint", "Train a monitor to replay this rollout."), training];
   const step = (word, by) => button(word, () => pick(Number(index.value) + by), { class: "button button-small" });
   const pickers = h(
