@@ -220,6 +220,8 @@ def _judge(flight: RecordedFlight, segment: Segment) -> JudgedSegment:
         unknown = np.full((1, streamed.shape[1]), np.nan)
         t_read = np.append(t_read[0] - monitor.dt, t_read)
         y_read, streamed = np.append(unknown, y_read, 0), np.append(unknown, streamed, 0)
+    if segment.unused:
+        y_read = np.full_like(y_read, np.nan)
     n_history = len(t_read) - (stop - begin)
     whole = monitor.assess(t_read, y_read, withdraw=False)
     interval = float(recorded.t[segment.first]), float(recorded.t[segment.last])
@@ -234,6 +236,9 @@ def _judge(flight: RecordedFlight, segment: Segment) -> JudgedSegment:
     silent, in_force, own = np.zeros(len(t), bool), (), None
     if flight.timeline is not None and flight.members:
         in_force = tuple(flight.timeline.intervals(float(t[0]), interval[1]))
+        if segment.unused:
+            verdict = Validity(False, reasons=(segment.unused,))
+            withdrawal = Withdrawal(0, segment.unused)
         if segment.joins:
             withdrawal = Withdrawal(0, segment.joins)
             verdict = replace(verdict, valid=False, reasons=(segment.joins, *verdict.reasons))
@@ -381,10 +386,11 @@ def _verdict(
     elif limited.exceedance is None and own is not None and own.exceedance is not None:
         result, lead = "invalid", None  # the alert was about limits no longer in force
     lines = list(limits_remarks(judged.in_force, own, flight.planned))
-    if withdrawal is not None:
+    is_unused = bool(judged.segment.unused)
+    if withdrawal is not None and not is_unused:
         lines.append(withdrawn(judged.assessments, withdrawal.first, limited, alert_above))
     why = ""
-    if not limits_known:
+    if not limits_known or is_unused:
         pass
     elif limited.exceedance is None:
         why = why_outcome_unknown(limited, judged.assessments, alerts, flight.monitor.dt)
@@ -422,7 +428,7 @@ def _verdict(
         ),
         amplitude=amplitude(judged.inputs),
         monitor=judged.in_force[0]["monitor_name"] if flight.members else "",
-        alert_above=alert_above if flight.members else None,
+        alert_above=alert_above if flight.members and not is_unused else None,
         worst=limited.worst,
         begins=None if onset is None else float(flight.recording.t[onset]),
     )

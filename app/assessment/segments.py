@@ -114,6 +114,7 @@ class Segment(NamedTuple):
     since: first sample of which the monitor knows, in a monitor set.   joins: why it says nothing
     of the rest of a manoeuvre; None unless it comes into use after the beginning of one.
     ends_early: why its samples end within the manoeuvre; empty if they do not.
+    unused: why no monitor of a set is in use; empty if one is.
     """
 
     name: str
@@ -126,6 +127,7 @@ class Segment(NamedTuple):
     since: int = 0
     joins: str | None = None
     ends_early: str = ""
+    unused: str = ""
 
     def trim_of(self, y: Array, dictionary: Dictionary = LATERAL) -> Array:
         """(n_channels,) trim, NaN where unknown, 0 where none is subtracted.
@@ -143,16 +145,23 @@ class Segment(NamedTuple):
 
 def until_end(segment: Segment, recording: Recording, planned: PlannedTest) -> Segment:
     """The segment; where the recording ends within the planned manoeuvre, it says so."""
-    least = planned.least_flown
-    if least is None or segment.last < len(recording.t) - 1:
+    if segment.last < len(recording.t) - 1:
         return segment
-    n_trim = round(planned.trim_segment_s / planned.dt)
+    return segment._replace(ends_early=_cut("the recording ends", segment, segment.last, planned))
+
+
+def _cut(what: str, segment: Segment, last: int, planned: PlannedTest) -> str:
+    """What ends well before the planned manoeuvre does, in words; empty if it holds enough of it.
+
+    segment: the whole manoeuvre.   last: the last sample that is held.
+    """
+    least, n_trim = planned.least_flown, round(planned.trim_segment_s / planned.dt)
     begin = segment.first + n_trim if segment.onset is None else segment.onset
-    flown = max(0, segment.last - begin) * planned.dt
-    if flown >= least - 0.5 * planned.dt:
-        return segment
-    why = f"the recording ends within the manoeuvre, {flown:.2f} s after its beginning"
-    return segment._replace(ends_early=f"{why}; at least {least:.3g} s are needed")
+    flown = max(0, last - begin) * planned.dt
+    if least is None or flown >= least - 0.5 * planned.dt:
+        return ""
+    where = f"{flown:.2f} s after its beginning; at least {least:.3g} s are needed"
+    return f"{what} within the manoeuvre, {where}"
 
 
 def segments(
@@ -264,7 +273,7 @@ def by_monitor(
 ) -> tuple[list[tuple[RecordedFlight, Segment]], list[str]]:
     """The segments in parts, each with the monitor in use as in flight; and notes on the others.
 
-    TelemetryError where no monitor is in use in any of them.
+    Where none is in use, the limits are checked alone, by the first monitor's channels.
     """
     t, y, timeline = flight.recording.t, flight.recording.y, flight.timeline
     assert timeline is not None
@@ -283,7 +292,11 @@ def by_monitor(
                 continue
             if ruling.used is None:
                 times = f"{t[start]:.2f} to {t[last]:.2f} s"
-                unused.append(f"{segment.name}, {times}: no monitor in use, {ruling.reason}.")
+                why, name = f"no monitor in use, {ruling.reason}", f"{segment.name}, no monitor"
+                unused.append(f"{segment.name}, {times}: {why}.")
+                begins = segment.first if start == begin else start
+                part = Segment(name, begins, last, None, None, trim, unused=why)
+                parts.append((members[0], part))
                 continue
             part = segment._replace(last=last, trim=trim, since=first)
             if start > begin:
@@ -291,14 +304,15 @@ def by_monitor(
                 monitor = in_use.monitor(ruling.used)
                 why = needs_beginning(monitor, ruling.case, float(t[start])) if is_moving else ""
                 part = Segment(segment.name, start, last, None, None, trim, None, start, why)
+                part = part._replace(ends_early=segment.ends_early)
+            if last < segment.last:
+                what = f"{ruling.case} holds until {t[last]:.2f} s,"
+                part = part._replace(ends_early=_cut(what, segment, last, flight.planned))
             name = f"{segment.name}, {ruling.case}"
             parts.append((members[ruling.used], part._replace(name=name)))
-    if not parts:
+    if all(part.unused for _, part in parts):
         needed = " and ".join(in_use.monitors.needed)
-        raise TelemetryError(
-            f"no monitor of the set {in_use.name} is in use in a manoeuvre: "
-            f"{'; '.join(unused)[:500]} Declare {needed} as a condition, or map a signal to it"
-        )
+        unused.append(f"Declare {needed} as a condition, or map a signal to it.")
     return parts, unused
 
 

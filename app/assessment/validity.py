@@ -346,7 +346,8 @@ def trim(assessed: AssessedSegment) -> Check:
     """Was the aircraft trimmed before the first input?"""
     segment = assessed.segment
     if segment.rest is None:
-        return Check("trim", None, "no trim subtracted")
+        text = "measured before this part" if assessed.trim.any() else "no trim subtracted"
+        return Check("trim", None, text)
     length = (segment.rest.stop - segment.rest.start) * assessed.monitor.dt
     text = f"mean of the first {length:.2f} s"
     unknown = assessed.needed & np.isnan(assessed.trim)

@@ -7,9 +7,12 @@ from functools import cache
 import numpy as np
 import pytest
 
+from app.assessment import score
 from app.assessment.grid import Sample
+from app.assessment.limits_history import ConditionSeries, SetHistory
 from app.assessment.monitors_in_use import MonitorsInUse
 from app.assessment.scorer import CausalScorer, LiveAssessed, TrimRule
+from app.telemetry.timing.repair import repair
 from core.monitor import Monitor, State
 from core.monitor.assessment import Cause
 from core.monitor.monitor_set import MonitorCase, MonitorSet
@@ -93,3 +96,40 @@ def test_a_forecast_of_the_rest_is_lost_where_the_beginning_was_not_seen() -> No
         assert after.state is state
         assert after.cause is (Cause.NOT_APPLICABLE if state is State.INVALID else None)
         assert np.isfinite(said[begins + 20].y).all()
+
+
+@pytest.mark.parametrize("gap", [1, 10, 400])
+def test_an_exceedance_without_a_monitor_in_use_lies_inside_its_manoeuvre(gap: int) -> None:
+    """The stretch before it, cut short by the change, is neither quiet nor a false alert."""
+    slow = attas.trained()
+    cases = (MonitorCase("slow", {"mach": (None, 0.8)}, slow),)
+    used = MonitorsInUse("s", "doublet", MonitorSet(cases), ("a",), ("a",), {})
+    y = 0.5 * attas.fly(3, seed=5).y[2]
+    (alone,) = attas.score(slow, attas.recorded(y)).manoeuvres
+    assert alone.exceedance is None
+    y[alone.first + 45, attas.KEYS.index("Ny")] = 0.3
+    begin, t = alone.first + 45, np.arange(len(y)) * slow.dt
+    mach = np.full(len(y), SLOW)
+    mach[begin : begin + gap] = 0.85
+    history = SetHistory(used, {"mach": ConditionSeries(t, mach)})
+    scored = score(slow, repair(attas.recorded(y)), history=history)
+    before, without, *after = scored.manoeuvres
+    assert (before.outcome, before.validity.valid) == ("cut", None)
+    assert (without.outcome, without.monitor) == ("invalid", "")
+    assert without.exceedance is not None
+    assert without.start == without.exceedance.t == pytest.approx(t[begin])
+    assert not np.isfinite(scored.samples[without.first : without.last + 1]["withdrawn"]).any()
+    assert scored.outside_exceedances == ()
+    assert all(part.exceedance is None for part in after)
+
+
+def test_a_recording_without_any_monitor_in_use_is_still_checked_against_the_limits() -> None:
+    slow, fast = two()
+    y = 0.5 * attas.fly(3, seed=5).y[2]
+    y[100, attas.KEYS.index("Ny")] = 0.3
+    scored = score(slow, repair(attas.recorded(y)), history=SetHistory(in_use(slow, fast), {}))
+    (manoeuvre,) = scored.manoeuvres
+    assert manoeuvre.exceedance is not None
+    assert manoeuvre.exceedance.t == pytest.approx(100 * slow.dt)
+    assert (manoeuvre.outcome, manoeuvre.validity.valid) == ("invalid", False)
+    assert any("mach" in note for note in scored.notes)
