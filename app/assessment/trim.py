@@ -13,6 +13,7 @@ from core.kernels.compiled import entry
 from core.limits.limits import Envelope
 from core.monitor import Monitor
 from core.monitor.assessment import Cause
+from core.monitor.status import NO_MANOEUVRE
 from core.types import Array
 
 MEASURED_S = 0.1
@@ -40,7 +41,7 @@ TRIM_SHARE = 0.25
 RESTS = 0.005
 """[rad, rad/s, g] Smaller motion always counts as rest."""
 MOVING = "the surfaces move: trim is measured as soon as they rest"
-RESTING = "no manoeuvre is under way: it begins with the first movement of a surface"
+RESTING = f"{NO_MANOEUVRE}: it begins with the first movement of a surface"
 BEYOND = (
     "the trim of this rest is beyond a limit: values are as recorded until a manoeuvre begins from "
     "it"
@@ -50,7 +51,7 @@ EXCEEDED = (
     "trimmed so"
 )
 """These reasons are stored: a journal that is rescored must give the same."""
-BY_HAND = "no manoeuvre is under way: no channel is a control, so begin it by hand (press G)"
+BY_HAND = f"{NO_MANOEUVRE}: no channel is a control, so begin it by hand (press G)"
 
 
 class FollowedManoeuvre(NamedTuple):

@@ -100,18 +100,23 @@ PREDICTED = "exceedance predicted"
 """Shown beside NO ALERT."""
 BETWEEN = "between manoeuvres"
 """Reason of samples between manoeuvres, which are not assessed."""
+NO_MANOEUVRE = "no manoeuvre is under way"
+"""Start of that reason in a live flight, while it waits for the next input."""
 NOT_APPLICABLE, LIMITS_UNKNOWN = "not applicable", "limits unknown"
 """Start of the reason if other limits than the monitor's are in force, or if they are unknown."""
 CAUSE_WORDS = {
     Cause.BETWEEN: "NOT ASSESSED",
+    Cause.READY: "NOT ASSESSED",
     Cause.NOT_APPLICABLE: "NOT APPLICABLE",
     Cause.LIMITS_UNKNOWN: "LIMITS UNKNOWN",
 }
-"""Words shown instead of INVALID."""
+"""Words shown instead of INVALID or WARMING UP."""
 
 
 def cause_of(state: State, reason: str) -> Cause | None:
     """Cause of a stored assessment, from its reason, because the cause is not stored."""
+    if state is State.WARMING_UP and reason.startswith(f"{NO_MANOEUVRE}:"):
+        return Cause.READY
     if state is not State.INVALID:
         return None
     if reason == BETWEEN:
@@ -179,7 +184,7 @@ def headline(facts: Facts) -> Headline:
 def in_words(summary: Headline, cause: Cause | None = None) -> str:
     """Text of a headline in all views: `ALARM · STALE · EXCEEDED first at 8.76 s`.
 
-    cause: of the newest sample, which may replace the word INVALID.
+    cause: of the newest sample, which may replace the words INVALID and WARMING UP.
     """
     words = [_word(status, summary, cause) for status in (summary.status, *summary.beside)]
     if summary.exceeded_t is not None and summary.status not in (Status.EXCEEDING, Status.EXCEEDED):
@@ -190,7 +195,7 @@ def in_words(summary: Headline, cause: Cause | None = None) -> str:
 
 
 def _word(status: Status, summary: Headline, cause: Cause | None) -> str:
-    if status is Status.INVALID and cause is not None:
+    if status in (Status.INVALID, Status.WARMING_UP) and cause is not None:
         return CAUSE_WORDS.get(cause, WORDS[status])
     if status is Status.EXCEEDED and summary.exceeded_t is not None:
         return f"{WORDS[status]} first at {summary.exceeded_t:.2f} s"

@@ -73,7 +73,7 @@ function withdrawnWords(statuses, cause) {
 
 function wordOf(status, cause = null) {
   const withdrawn = status === "invalid" ? withdrawnWord(cause) : null;
-  return withdrawn ?? STATE_WORDS[status === "invalid" ? shownState({ state: status, cause }) : status];
+  return withdrawn ?? STATE_WORDS[shownState({ state: status, cause })];
 }
 
 function besideOf({ status, beside, exceeded_t: t, verdict }, cause = null) {

@@ -22,9 +22,10 @@ export const STATE_WORDS = {
 
 export const WITHDRAWN = ["not_applicable", "limits_unknown"];
 
-/** Between manoeuvres there is no guarantee to withdraw. */
+/** Between manoeuvres there is no guarantee to withdraw; a live flight waits for the next input there. */
 export function shownState({ state, cause = null }) {
-  return state === "invalid" && cause === "between_manoeuvres" ? "not_assessed" : state;
+  const between = { invalid: "between_manoeuvres", warming_up: "ready" };
+  return cause !== null && between[state] === cause ? "not_assessed" : state;
 }
 
 export function stripState({ state, cause = null }) {

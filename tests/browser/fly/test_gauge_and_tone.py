@@ -136,6 +136,8 @@ def test_the_line_of_a_withdrawn_monitor_gives_the_cause_that_holds_now(strips: 
         ({"state": "ok", "p_value": 0.034, "epsilon": 0.1, "alert": False}, ""),
         ({"state": "ok", "p_value": 0.34, "epsilon": 0.1, "alert": True}, ""),
         ({"state": "warming_up", "p_value": None, "epsilon": 0.1, "alert": None}, "WARMING UP"),
+        ({"state": "warming_up", "cause": "rest", "p_value": None, "alert": None}, "WARMING UP"),
+        ({"state": "warming_up", "cause": "ready", "p_value": None, "alert": None}, "NOT ASSESSED"),
         ({"state": "stale", "p_value": None, "epsilon": 0.1, "alert": None}, "STALE"),
         ({"state": "invalid", "p_value": None, "epsilon": 0.1, "alert": None}, "INVALID"),
         ({"state": "ok", "p_value": None, "epsilon": 0.1, "alert": None}, "INVALID"),

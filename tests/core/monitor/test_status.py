@@ -96,6 +96,9 @@ def test_between_manoeuvres_nothing_is_called_invalid() -> None:
     invalid = headline(Facts(invalid=True, stale=True))
     assert in_words(invalid) == "STALE · INVALID"
     assert in_words(invalid, Cause.BETWEEN) == "STALE · NOT ASSESSED"
+    waiting = headline(Facts(warming_up=True))
+    assert in_words(waiting, Cause.READY) == "NOT ASSESSED"
+    assert in_words(waiting, Cause.REST) == "WARMING UP"
 
 
 def test_nothing_looks_well_where_an_exceedance_is_predicted() -> None:
