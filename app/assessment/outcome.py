@@ -129,7 +129,8 @@ class Limited(NamedTuple):
     as_recorded: the first sample that exceeds a limit as recorded, with its bias and trim.
     failed: the first sample of these that no aircraft can reach.
     implausible: channel and time [s] of the first such value, within the limits or not.
-    worst: of each channel that exceeds a limit, the sample furthest beyond it.
+    worst: of each channel that exceeds a limit, the sample furthest beyond it: from trim, or as
+    recorded if none is.   worst_recorded: those as recorded that are further beyond.
     """
 
     exceedance: RecordedExceedance | None
@@ -140,6 +141,7 @@ class Limited(NamedTuple):
     failed: RecordedExceedance | None = None
     implausible: tuple[str, float] | None = None
     worst: tuple[RecordedExceedance, ...] = ()
+    worst_recorded: tuple[RecordedExceedance, ...] = ()
 
     @property
     def recorded(self) -> RecordedExceedance | None:
@@ -167,6 +169,7 @@ def against_limits(
     exceedances: list[RecordedExceedance] = []
     raw: list[RecordedExceedance] = []
     worst: list[RecordedExceedance] = []
+    worst_recorded: list[RecordedExceedance] = []
     failed: list[RecordedExceedance] = []
     peaks: list[Peak] = []
     holes: list[Hole] = []
@@ -191,8 +194,7 @@ def against_limits(
         for judged, results, why in ((value, exceedances, ""), (recorded, raw, doubt)):
             if len(over := onsets(t, judged, low, high)):
                 results.append(_exceedance(over[0], key, t, judged, low, high, timeline, why))
-        from_trim = (value <= low) | (value >= high)
-        beyond = [(t, np.where(from_trim, value, recorded), low, high, "")]
+        beyond = [(t, recorded, low, high, doubt)]
         if trace.sent is not None and (odd := ~known & np.isfinite(trace.sent[part])).any():
             at, sent = trace.t[part][odd], trace.sent[part][odd]
             implausible.append((float(at[0]), key))
@@ -201,7 +203,10 @@ def against_limits(
                 about = key, at, sent, *ends_then, timeline, NOT_PLAUSIBLE
                 failed.append(_exceedance(over[0], *about))
                 beyond.append((at, sent, *ends_then, NOT_PLAUSIBLE))
-        worst += _worst(key, beyond, rest, timeline)
+        from_trim = _worst(key, [(t, value, low, high, "")], rest, timeline)
+        as_is = _worst(key, beyond, rest, timeline)
+        worst += [each for _, each in from_trim or as_is]
+        worst_recorded += [each for share, each in as_is if from_trim and share > from_trim[0][0]]
         for each in ends:
             here = (low == each[0]) & (high == each[1])
             if len(t) and not here.any():
@@ -218,7 +223,8 @@ def against_limits(
     odd_t, odd_key = min(implausible, default=(0.0, ""))
     doubted = (odd_key, odd_t) if odd_key else None
     about = tuple(peaks), lost_in(holes), tuple(holes)
-    return Limited(first, *about, first_raw, first_failed, doubted, tuple(worst))
+    furthest = tuple(worst), tuple(worst_recorded)
+    return Limited(first, *about, first_raw, first_failed, doubted, *furthest)
 
 
 def _worst(
@@ -226,8 +232,11 @@ def _worst(
     parts: Sequence[tuple[Array, Array, Array, Array, str]],
     rest: float,
     timeline: InForceTimeline | None,
-) -> list[RecordedExceedance]:
-    """The sample furthest beyond its limit, if any is. parts: times, values, limits and doubt."""
+) -> list[tuple[float, RecordedExceedance]]:
+    """The share of the sample furthest beyond its limit, and this sample, if any is beyond.
+
+    parts: times, values, limits and doubt.
+    """
     found = list[tuple[float, RecordedExceedance]]()
     for t, value, low, high, doubt in parts:
         if len(over := onsets(t, value, low, high)):
@@ -235,7 +244,7 @@ def _worst(
             at = over[shares.argmax()]
             exceeded = _exceedance(at, key, t, value, low, high, timeline, doubt)
             found.append((float(shares.max()), exceeded))
-    return [max(found, key=itemgetter(0))[1]] if found else []
+    return [max(found, key=itemgetter(0))] if found else []
 
 
 def _ends_at(

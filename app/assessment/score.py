@@ -431,6 +431,7 @@ def _verdict(
         alert_above=alert_above if flight.members and not is_unused else None,
         worst=limited.worst,
         begins=None if onset is None else float(flight.recording.t[onset]),
+        worst_recorded=limited.worst_recorded,
     )
 
 

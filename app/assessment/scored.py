@@ -95,7 +95,7 @@ class ScoredManoeuvre:
     withdrawn_reason: the reason known at that time; `validity` covers the whole manoeuvre.
     limits_in_force: of a limit set, in plain data, see InForceTimeline.intervals. They decide what
     an exceedance is; where they differ from the monitor's, it is not applicable.
-    worst: of each channel that exceeds a limit, the recorded sample furthest beyond it.
+    worst, worst_recorded: of each channel that exceeds a limit, see Limited.
     own_exceedance: of the monitor's own limits, where others were in force.
     amplitude: largest deflection as a share of the planned one; None where unknown.
     remarks: what limits the verdict.   guarantee: what is guaranteed, or why nothing is.
@@ -129,6 +129,7 @@ class ScoredManoeuvre:
     alert_above: float | None = None
     worst: tuple[RecordedExceedance, ...] = ()
     begins: float | None = None
+    worst_recorded: tuple[RecordedExceedance, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

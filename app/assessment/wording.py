@@ -112,6 +112,11 @@ def remarks(
         and peak.is_beyond(peak.recorded)
         and (not peak.is_beyond(peak.largest) or _is_named(limited.recorded, peak.channel))
     ]
+    worst = {each.channel: each for each in limited.worst}
+    for each in limited.worst_recorded:
+        from_trim, raw = (_place(e, planned.dictionary, False) for e in (worst[each.channel], each))
+        if from_trim != raw:
+            lines.append(f"worst value from trim {from_trim}; as recorded {raw}")
     if limited.lost > 0.0:
         lines.append(f"{limited.lost:.2f} s missing in the limited channels")
     if not (assessments.state == STATES.index(State.OK)).all():

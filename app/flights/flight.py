@@ -565,7 +565,7 @@ class Flight(ABC):
         self.t, self._assessment, self._pose = assessment.t, assessment, (attitude, y)
         self._exceeds = exceedance is not None
         at, named, _ = (assessment.t, None, "") if exceedance is None else exceedance
-        self.exceedances.update(at, y, self.in_force.limits, named)
+        self.exceedances.update(at, y, self.in_force.limits, named, recorded)
 
     def _ahead_of(self, assessment: Assessment) -> Ahead | None:
         """Forecast of the rest of the card, from time to time and at the last sample."""

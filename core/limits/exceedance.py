@@ -1,10 +1,13 @@
 """The judge of limits: what exceeds them, when it began, its worst value and when it ended.
 
-A value equal to its limit exceeds it; a missing value does not. Limits may change in time.
+A value equal to its limit exceeds it; a missing value does not. Limits may change in time. The
+worst value of a channel is one from trim if any of these exceeds a limit, else one as recorded. A
+value as recorded that is further beyond is named beside it.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import inf, isfinite, isnan
 from operator import attrgetter
 from typing import Literal, NamedTuple
@@ -65,11 +68,15 @@ class ChannelExceedances:
     last_t: float
     """start of the newest one [s]"""
     worst: float
-    """value furthest beyond the limit in force then"""
+    """value furthest beyond the limit in force then: from trim, or as recorded if none is"""
     worst_t: float
     """[s]"""
     limit: float
     """limit that the worst one exceeds"""
+    recorded: float | None = None
+    """worst value as recorded if it is further beyond than one from trim; else null"""
+    recorded_t: float | None = None
+    """[s]"""
 
 
 @dataclass(slots=True)
@@ -81,9 +88,9 @@ class LatchedExceedance:
     channel: str
     """key"""
     t: float
-    """start [s]"""
+    """first sample from trim beyond the limit [s]"""
     value: float
-    """largest value since, in the channel's `unit`"""
+    """largest value from trim since, in the channel's `unit`"""
     over: bool
     """whether the newest sample exceeds the limit"""
     acknowledged: bool
@@ -140,13 +147,26 @@ def _furthest(
     return MeasuredExceedance(keys[worst], value, limits.exceeded(worst, value), judged)
 
 
+class _Beyond(NamedTuple):
+    """A value beyond a limit at t [s]; from trim, or as recorded."""
+
+    t: float
+    value: float
+    limit: float
+    from_trim: bool
+
+
 @dataclass(slots=True)
 class _Interval:
-    """From the first to the last sample of an exceedance [s]."""
+    """From the first to the last sample of an exceedance [s].
+
+    from_trim: first time [s] and largest value of its samples from trim.
+    """
 
     start: float
     end: float
     acknowledged: bool = False
+    from_trim: tuple[float, float] | None = None
 
     def has(self, t: float, near: float) -> bool:
         return self.start - near <= t <= self.end + near
@@ -165,6 +185,7 @@ class Exceedances:
         self._rest, self._near = rest, near
         self._index = {key: c for c, key in enumerate(rest)}
         self._of: dict[str, ChannelExceedances] = {}
+        self._worst: dict[tuple[str, bool], _Beyond] = {}
         self._intervals: dict[str, list[_Interval]] = {}
         self._current: dict[str, _Interval] = {}
         self._over: set[str] = set()
@@ -195,22 +216,26 @@ class Exceedances:
         self._is_over_any = False
 
     def update(
-        self, t: float, y: Array, limits: Envelope | None, named: MeasuredExceedance | None
+        self,
+        t: float,
+        y: Array,
+        limits: Envelope | None,
+        named: MeasuredExceedance | None,
+        recorded: Array | None = None,
     ) -> None:
         """Add a sample of the grid.
 
         t: of its exceedance if it has one [s].   y: (n_channels,) from trim.
-        named: its exceedance, or one since the last sample.
+        named: its exceedance, or one since the last sample.   recorded: y including trim.
         """
         if named is None and not self._is_over_any:
             return
         from_trim = self._beyond(y, limits)
-        values = from_trim if named is None else {named.channel: (named.value, named.limit)}
-        values = values | from_trim
-        for key, (value, limit) in values.items():
+        values = self._values(t, named, from_trim, recorded, limits)
+        for key, beyond in values.items():
             interval = self._interval(key, t) if self._near else None
             if interval is None:
-                self._note(key, t, value, limit)
+                self._note(key, beyond)
             else:
                 interval.end = max(interval.end, t)
         self._over = set(values)
@@ -219,12 +244,39 @@ class Exceedances:
             latched.over for latched in self._latched.values()
         )
 
-    def add(self, exceeded: Exceeded, y: Array, limits: Envelope | None = None) -> None:
+    def add(
+        self,
+        exceeded: Exceeded,
+        y: Array,
+        limits: Envelope | None = None,
+        recorded: Array | None = None,
+    ) -> None:
         """Add a received sample beyond a limit, which may not reach the grid. See `update`."""
         t, named, _ = exceeded
-        values = {named.channel: (named.value, named.limit)} | self._beyond(y, limits)
-        for key, (value, limit) in values.items():
-            self._note(key, t, value, limit)
+        values = self._values(t, named, self._beyond(y, limits), recorded, limits)
+        for key, beyond in values.items():
+            self._note(key, beyond)
+
+    def _values(
+        self,
+        t: float,
+        named: MeasuredExceedance | None,
+        from_trim: dict[str, tuple[float, float]],
+        recorded: Array | None,
+        limits: Envelope | None,
+    ) -> dict[str, list[_Beyond]]:
+        """The values of each channel that a sample exceeds, one from trim first."""
+        is_trimmed = named is None or named.judged != "recorded"
+        first = {} if named is None else {named.channel: (named.value, named.limit)}
+        values = {
+            key: [_Beyond(t, value, limit, is_trimmed)]
+            for key, (value, limit) in (first | from_trim).items()
+        }
+        if is_trimmed and recorded is not None:
+            for key, (value, limit) in self._beyond(recorded, limits).items():
+                if key in values:
+                    values[key].append(_Beyond(t, value, limit, from_trim=False))
+        return values
 
     def _beyond(self, y: Array, limits: Envelope | None) -> dict[str, tuple[float, float]]:
         """Value and limit of each channel beyond one."""
@@ -243,7 +295,9 @@ class Exceedances:
         goes_on: it lasts to the sample sought, which then starts no new one.
         """
         t, named, _ = exceeded
-        self._note(named.channel, t, named.value, named.limit)
+        self._note(
+            named.channel, [_Beyond(t, named.value, named.limit, named.judged != "recorded")]
+        )
         if goes_on:
             self._over.add(named.channel)
             self._is_over_any = True
@@ -267,16 +321,28 @@ class Exceedances:
             else:
                 del self._latched[key]
 
-    def _note(self, key: str, t: float, value: float, limit: float) -> None:
-        known, begins = self._of.get(key), self._begins(key, t)
-        if known is None:
-            self._of[key] = ChannelExceedances(key, 1, t, t, value, t, limit)
-            return
+    def _note(self, key: str, values: Sequence[_Beyond]) -> None:
+        """values: of one sample."""
+        t, value, limit, is_trimmed = values[0]
+        begins = self._begins(key, t)
+        known = self._of.setdefault(key, ChannelExceedances(key, 0, t, t, value, t, limit))
         known.n += begins
         known.first_t = min(known.first_t, t)
         known.last_t = max(known.last_t, t) if begins else known.last_t
-        if self._share(key, value, limit) > self._share(key, known.worst, known.limit):
-            known.worst, known.worst_t, known.limit = value, t, limit
+        if is_trimmed:
+            interval = self._current[key]
+            since, largest = interval.from_trim or (t, value)
+            interval.from_trim = min(since, t), self._further(key, largest, value)
+        for each in values:
+            of = key, each.from_trim
+            self._worst[of] = max(self._worst.get(of, each), each, key=partial(self._share, key))
+        raw = self._worst.get((key, False))
+        worst = self._worst.get((key, True), raw) or values[0]
+        known.worst_t, known.worst, known.limit, _ = worst
+        if raw is not None and self._share(key, raw) > self._share(key, worst):
+            known.recorded_t, known.recorded = raw.t, raw.value
+        else:
+            known.recorded_t = known.recorded = None
 
     def _begins(self, key: str, t: float) -> bool:
         """Whether a sample begins an exceedance; else the one that it belongs to is extended."""
@@ -294,20 +360,23 @@ class Exceedances:
         known = reversed(self._intervals.get(key, []))
         return next((each for each in known if each.has(t, self._near)), None)
 
-    def _share(self, key: str, value: float, limit: float) -> float:
+    def _share(self, key: str, beyond: _Beyond) -> float:
         """How much of the way from rest to the limit."""
         rest = self._rest.get(key, 0.0)
-        return abs((value - rest) / (limit - rest))
+        return abs((beyond.value - rest) / (beyond.limit - rest))
+
+    def _further(self, key: str, *values: float) -> float:
+        return max(values, key=lambda value: abs(value - self._rest[key]))
 
     def _latch(self, t: float, over: dict[str, float], y: Array) -> None:
         for key, value in over.items():
-            latched = self._latched.get(key)
+            latched, at = self._latched.get(key), self._interval_at(key, t)
+            start, largest = at.from_trim or (t, value)
             if latched is None:
-                at = self._interval_at(key, t)
-                latched = LatchedExceedance(key, at.start, value, True, at.acknowledged)
+                latched = LatchedExceedance(key, start, largest, True, at.acknowledged)
                 self._latched[key] = latched
             latched.over = True
-            latched.value = max(latched.value, value, key=lambda v: abs(v - self._rest[key]))
+            latched.value = self._further(key, latched.value, largest, value)
         for key in [key for key in self._latched if key not in over]:
             if isnan(y.item(self._index[key])):
                 continue

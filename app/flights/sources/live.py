@@ -426,7 +426,7 @@ class LiveFlight(Flight):
         """Note the exceedances of received samples."""
         judged = [(sample, sample.exceeded(self._keys)) for sample in due]
         for sample, exceeded in judged:
-            self.exceedances.add(exceeded, sample.y, sample.limits)
+            self.exceedances.add(exceeded, sample.y, sample.limits, sample.recorded)
             if not sample.is_plausible:
                 self._implausible = exceeded
         return judged

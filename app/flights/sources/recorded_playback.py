@@ -92,12 +92,15 @@ class RecordedScript(StoredScript):
         unknown = [[nan if value is None else 0.0 for value in trim] or none for trim in known]
         self._unknown = np.array([*unknown, none])
         self._starts = np.array([s.get("first", 0) for s in manoeuvres])
-        worst = [e for s in manoeuvres for e in s.get("worst", ())]
+        worst = [(e, not s["exceedance"]) for s in manoeuvres for e in s.get("worst", ())]
+        worst += [(e, True) for s in manoeuvres for e in s.get("worst_recorded", ())]
         far = [e for e in outside if e.get("worst_t") is not None]
-        worst += [{**e, "t": e["worst_t"], "value": e["worst"]} for e in far]
-        self._worst = defaultdict[int, list[Mapping[str, Any]]](list)
-        for each in worst:
-            self._worst[self._at(each["t"])].append(each)
+        worst += [
+            ({**e, "t": e["worst_t"], "value": e["worst"]}, bool(e.get("doubt"))) for e in far
+        ]
+        self._worst = defaultdict[int, list[tuple[Mapping[str, Any], bool]]](list)
+        for each, is_raw in worst:
+            self._worst[self._at(each["t"])].append((each, is_raw))
         self._envelope = None if monitor is None else monitor.envelope
         if monitor is not None:
             self._follow(monitor)
@@ -155,12 +158,13 @@ class RecordedScript(StoredScript):
         """The sensor's own worst value of an exceedance, which resampling may have lessened."""
         ruling, received = self.ruling(k), list[ReceivedExceedance]()
         limits = self._envelope if ruling is None else ruling.limits
-        for worst in self._worst.get(k, ()):
+        for worst, is_raw in self._worst.get(k, ()):
             c = self.keys.index(worst["channel"])
             if limits is not None and limits.is_beyond(c, worst["value"]):
-                y = np.full(len(self.keys), nan)
-                y[c] = worst["value"]
-                received.append(ReceivedExceedance(worst["t"], True, y, y, limits))
+                unknown = np.full(len(self.keys), nan)
+                y = np.where(np.arange(len(self.keys)) == c, worst["value"], nan)
+                about = worst["t"], True, unknown if is_raw else y, y, limits
+                received.append(ReceivedExceedance(*about))
         return received
 
     def exceeded(self, k: int, limits: Envelope | None) -> Exceeded | None:

@@ -289,10 +289,12 @@ function verdictLine(flight) {
 
 /** Count, newest and worst of each channel: the verdict names only the first exceedance. */
 function exceedanceLines(exceedances, channels) {
-  return exceedances.map(({ channel: key, n, first_t: first, last_t: last, worst, worst_t: at, limit }) => {
+  return exceedances.map(({ channel: key, n, first_t: first, last_t: last, worst, worst_t: at, limit, recorded, recorded_t: then }) => {
     const channel = channels.find((each) => each.key === key);
     const when = n === 1 ? `once, at ${secondsText(first)}` : `${n} times, first at ${secondsText(first)}, last at ${secondsText(last)}`;
-    const most = `worst ${quantity(channel, worst)} at ${secondsText(at)}, limit ${magnitudeIn(channel, limit)}`;
+    const isAlike = recorded == null || quantity(channel, recorded) === quantity(channel, worst);
+    const beside = isAlike ? "" : ` from trim; as recorded ${quantity(channel, recorded)} at ${secondsText(then)}`;
+    const most = `worst ${quantity(channel, worst)} at ${secondsText(at)}${beside}, limit ${magnitudeIn(channel, limit)}`;
     return h("p", { class: "exceedance-summary" }, h("strong", formatted(channel.symbol), " exceeded: "), `${when}; ${most}.`);
   });
 }

@@ -89,6 +89,21 @@ def test_a_sample_of_the_grid_beside_received_ones_changes_no_time_and_no_value(
     assert latched.t == log.first_t == 1.02
 
 
+def test_the_worst_value_is_one_from_trim_and_a_further_one_as_recorded_is_beside_it() -> None:
+    log = Exceedances(dict.fromkeys(KEYS, 0.0))
+    for t, ny in ((7.4, 0.31), (7.65, 0.49), (7.7, 0.504), (7.75, 0.503), (7.8, 0.45)):
+        y, recorded = (np.where(np.arange(6) == NY, value, 0.0) for value in (ny, ny + 0.225))
+        named = exceedance(KEYS, LIMITS, y, recorded)
+        log.update(t, y, LIMITS, named, recorded)
+        if t < 7.7:
+            assert [one.worst for one in log.of_channels] == [pytest.approx(ny + 0.225)]
+            assert log.latched == []
+    (of_ny,), (latched,) = log.of_channels, log.latched
+    assert (of_ny.n, of_ny.first_t, of_ny.worst, of_ny.worst_t) == (1, 7.4, 0.504, 7.7)
+    assert (of_ny.recorded, of_ny.recorded_t) == (pytest.approx(0.729), 7.7)
+    assert (latched.t, latched.value) == (7.7, 0.504)
+
+
 def test_an_exceedance_is_latched_until_it_was_acknowledged_and_is_over() -> None:
     log = sampled((0.6, 0), (0.8, 0), (0, 0))
     (latched,) = log.latched

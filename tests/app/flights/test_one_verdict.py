@@ -106,7 +106,11 @@ def test_one_from_trim_follows_one_as_recorded_without_a_break(range_: Range) ->
     assert listed["verdict"] == ended["verdict"]
     raw = manoeuvre["recorded_exceedance"]
     assert (raw["t"], raw["value"]) == (pytest.approx(2.9), pytest.approx(0.545))
-    assert "0.775 g" in " ".join(manoeuvre["remarks"])
+    (of_ny,) = ended["exceedances"]
+    assert (of_ny["worst"], of_ny["worst_t"]) == (pytest.approx(0.55), pytest.approx(3.0))
+    assert (of_ny["recorded"], of_ny["recorded_t"]) == (pytest.approx(0.775), pytest.approx(3.0))
+    remark = "from trim at 3.00 s (Ny 0.55 g); as recorded at 3.00 s (Ny 0.775 g)"
+    assert remark in " ".join(manoeuvre["remarks"])
     report = range_.client.get(f"{RECORDINGS}/{recording}/scorings/{scoring['id']}/report").text
     assert "as recorded, a limit was exceeded before it was from trim" in report
 
@@ -128,6 +132,9 @@ def assert_one_verdict(ended: dict[str, Any], scoring: dict[str, Any]) -> None:
         known = worst.get(each["channel"], 0.0), each["worst"]
         worst[each["channel"]] = max(known, key=abs)
     assert {each["channel"]: each["worst"] for each in ended["exceedances"]} == worst
+    recorded = {each["channel"]: each["value"] for each in manoeuvre["worst_recorded"]}
+    named = {each["channel"]: each["recorded"] for each in ended["exceedances"]}
+    assert {key: value for key, value in named.items() if value is not None} == recorded
     worded = manoeuvre["verdict"]
     if first not in outside:
         assert WARNED.sub("", verdict["text"]) == WARNED.sub("", worded["word"].split(";")[0])
