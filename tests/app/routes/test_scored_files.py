@@ -218,3 +218,18 @@ def test_unknown_scorings_are_not_found(scored: Scored, end: str):
         assert "no scoring" in problem(scored.client.get(f"{gone}/{end}"), 404)
     elsewhere = f"{RECORDINGS}/no/scorings/{scored.scoring['id']}"
     assert scored.scoring["id"] in problem(scored.client.get(f"{elsewhere}/{end}"), 404)
+
+
+def test_a_call_after_the_alert_says_why_a_recording_ends_within_its_manoeuvre(scored: Scored):
+    y = fly(40, 6).y[2][:110]
+    made = uploaded(scored.client, csv_of(y, TEST.dt), name="cut.csv")
+    path, request = f"{RECORDINGS}/{made['id']}", {"monitor": scored.monitor}
+
+    def outcomes() -> list[str]:
+        answer = scored.client.post(f"{path}/scorings", json=request).raise_for_status().json()
+        return [manoeuvre["outcome"] for manoeuvre in answer["manoeuvres"]]
+
+    assert outcomes() == ["cut"]
+    marker = {"t": 109 * TEST.dt, "kind": "marker", "text": "ABORT, test conductor"}
+    scored.client.post(f"{path}/markers", json=marker).raise_for_status()
+    assert outcomes() == ["aborted"]
