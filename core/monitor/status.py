@@ -105,10 +105,10 @@ NO_MANOEUVRE = "no manoeuvre is under way"
 NOT_APPLICABLE, LIMITS_UNKNOWN = "not applicable", "limits unknown"
 """Start of the reason if other limits than the monitor's are in force, or if they are unknown."""
 CAUSE_WORDS = {
-    Cause.BETWEEN: "NOT ASSESSED",
-    Cause.READY: "NOT ASSESSED",
-    Cause.NOT_APPLICABLE: "NOT APPLICABLE",
-    Cause.LIMITS_UNKNOWN: "LIMITS UNKNOWN",
+    (Status.INVALID, Cause.BETWEEN): "NOT ASSESSED",
+    (Status.WARMING_UP, Cause.READY): "NOT ASSESSED",
+    (Status.INVALID, Cause.NOT_APPLICABLE): "NOT APPLICABLE",
+    (Status.INVALID, Cause.LIMITS_UNKNOWN): "LIMITS UNKNOWN",
 }
 """Words shown instead of INVALID or WARMING UP."""
 
@@ -195,8 +195,8 @@ def in_words(summary: Headline, cause: Cause | None = None) -> str:
 
 
 def _word(status: Status, summary: Headline, cause: Cause | None) -> str:
-    if status in (Status.INVALID, Status.WARMING_UP) and cause is not None:
-        return CAUSE_WORDS.get(cause, WORDS[status])
+    if cause is not None and (status, cause) in CAUSE_WORDS:
+        return CAUSE_WORDS[status, cause]
     if status is Status.EXCEEDED and summary.exceeded_t is not None:
         return f"{WORDS[status]} first at {summary.exceeded_t:.2f} s"
     return WORDS[status]

@@ -600,7 +600,7 @@ def test_the_page_and_open_mct_have_the_words_of_the_server() -> None:
     static = Path(app.__file__).parents[1] / "static"
     page = (static / "js/lib/states.js").read_text()
     words = dict(re.findall(r'^  (\w+): "([A-Z ]+)",$', page, re.MULTILINE))
-    server = WORDS | {cause.value: word for cause, word in CAUSE_WORDS.items()}
+    server = WORDS | {cause.value: word for (_, cause), word in CAUSE_WORDS.items()}
     assert WORDS.keys() <= words.keys()
     assert {key: words[key] for key in words.keys() & server.keys()}.items() <= server.items()
     mct = re.findall(r'"([A-Z ]+)"', (static / "openmct/forewarn.js").read_text())

@@ -98,7 +98,7 @@ def seconds_of_bin(request: Request) -> float:
 
 
 def test_next_goes_from_event_to_event(scored: Page, scoring: dict[str, Any]) -> None:
-    begins = [manoeuvre["start"] for manoeuvre in scoring["manoeuvres"]]
+    begins = [manoeuvre["begins"] for manoeuvre in scoring["manoeuvres"]]
     alert, exceedance = (scoring["manoeuvres"][1][key] for key in ("alerts", "exceedance"))
     cursor = scored.locator(".strip-cursors")
     for t in (begins[0], begins[1], alert[0][0]):

@@ -89,7 +89,8 @@ export function showScoring(element, { id, query, api, navigate }) {
       "No manoeuvre was detected. Mark one by hand, or score the entire recording.",
       link("Score again", `#/recordings/${id}`, true),
     );
-    const isInvalid = manoeuvres.some(({ validity }) => validity.valid === false);
+    const isUsed = ({ alert_above: above }) => !scoring.request.monitor_set || above !== null;
+    const isInvalid = manoeuvres.some((each) => each.validity.valid === false && isUsed(each));
     return pageOf(
       recording.name,
       actions({ api, navigate }, scoring, display),
