@@ -108,7 +108,7 @@ def test_an_exceedance_without_a_monitor_in_use_lies_inside_its_manoeuvre(gap: i
     (alone,) = attas.score(slow, attas.recorded(y)).manoeuvres
     assert alone.exceedance is None
     y[alone.first + 45, attas.KEYS.index("Ny")] = 0.3
-    begin, t = alone.first + 45, np.arange(len(y)) * slow.dt
+    begin, t = alone.first + 45, slow.dt * np.arange(len(y), dtype=float)
     mach = np.full(len(y), SLOW)
     mach[begin : begin + gap] = 0.85
     history = SetHistory(used, {"mach": ConditionSeries(t, mach)})
