@@ -15,7 +15,7 @@ from app.assessment.limits_history import InForceTimeline
 from app.telemetry.recording import GAP_RATIO, Traces
 from core.channels import Dictionary
 from core.limits.exceedance import NOT_PLAUSIBLE, SAME_TIME, TRIM_UNKNOWN, onsets
-from core.limits.limits import Envelope, exceeded_end
+from core.limits.limits import Envelope, exceeded_end, shares_of
 from core.types import Array, Flags
 
 Outcome = Literal[
@@ -205,8 +205,10 @@ def against_limits(
                 beyond.append((at, sent, *ends_then, NOT_PLAUSIBLE))
         from_trim = _worst(key, [(t, value, low, high, "")], rest, timeline)
         as_is = _worst(key, beyond, rest, timeline)
-        worst += [each for _, each in from_trim or as_is]
-        worst_recorded += [each for share, each in as_is if from_trim and share > from_trim[0][0]]
+        if named := from_trim or as_is:
+            worst.append(named[1])
+        if from_trim and as_is and as_is[0] > from_trim[0]:
+            worst_recorded.append(as_is[1])
         for each in ends:
             here = (low == each[0]) & (high == each[1])
             if len(t) and not here.any():
@@ -232,19 +234,19 @@ def _worst(
     parts: Sequence[tuple[Array, Array, Array, Array, str]],
     rest: float,
     timeline: InForceTimeline | None,
-) -> list[tuple[float, RecordedExceedance]]:
-    """The share of the sample furthest beyond its limit, and this sample, if any is beyond.
+) -> tuple[float, RecordedExceedance] | None:
+    """The share of the sample furthest beyond its limit, and this sample; None if none is beyond.
 
     parts: times, values, limits and doubt.
     """
     found = list[tuple[float, RecordedExceedance]]()
     for t, value, low, high, doubt in parts:
         if len(over := onsets(t, value, low, high)):
-            shares = _shares(value[over], low[over], high[over], rest)
+            shares = shares_of(value[over], low[over], high[over], rest)
             at = over[shares.argmax()]
             exceeded = _exceedance(at, key, t, value, low, high, timeline, doubt)
             found.append((float(shares.max()), exceeded))
-    return [max(found, key=itemgetter(0))] if found else []
+    return max(found, key=itemgetter(0), default=None)
 
 
 def _ends_at(
@@ -277,12 +279,7 @@ def _furthest(values: Array, low: float, high: float, rest: float) -> float | No
     """The value with the largest share of the way from rest to a limit; None without values."""
     if not len(values):
         return None
-    return float(values[_shares(values, low, high, rest).argmax()])
-
-
-def _shares(values: Array, low: Array | float, high: Array | float, rest: float) -> Array:
-    """Of the way from rest to the nearer limit."""
-    return np.maximum((values - rest) / (high - rest), (rest - values) / (rest - low))
+    return float(values[shares_of(values, low, high, rest).argmax()])
 
 
 def lost_in(holes: Sequence[Hole]) -> float:
@@ -456,16 +453,15 @@ def exceedances_outside(
         t, number, value, low, high, odd = map(np.concatenate, zip(*parts, strict=True))
         inside = (t >= starts[number] - SAME_TIME) & (t <= ends[number] + SAME_TIME)
         begins = onsets(t, value, low, high, APART)
-        shares = _shares(value, low, high, float(limits.rest[c]))
+        shares = shares_of(value, low, high, float(limits.rest[c]))
         for i, stop in pairwise([*begins.tolist(), len(t)]):
             if inside[i]:
                 continue
             doubt = NOT_PLAUSIBLE if odd[i] else ""
             begun = _exceedance(i, key, t, value, low, high, timeline, doubt)
             at = i + int(shares[i:stop].argmax())
-            worst = begun.doubt, float(t[at]), float(value[at])
-            about = begun.t, key, begun.value, begun.limit
-            exceedances.append(OutsideExceedance(*about, *worst))
+            worst_t, worst = float(t[at]), float(value[at])
+            exceedances.append(OutsideExceedance(**vars(begun), worst_t=worst_t, worst=worst))
     return tuple(sorted(exceedances, key=lambda exceedance: exceedance.t))
 
 

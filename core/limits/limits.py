@@ -75,9 +75,7 @@ class Envelope(NamedTuple):
 
         y: (..., n_channels).
         """
-        up = (y - self.rest) / (self.high - self.rest)
-        down = (self.rest - y) / (self.rest - self.low)
-        return np.maximum(up, down)
+        return shares_of(y, self.low, self.high, self.rest)
 
     def margin(self, y: Array) -> Array:
         """(...,) the share of the channel nearest to its limit, see `shares`."""
@@ -107,6 +105,14 @@ class Envelope(NamedTuple):
     def is_as(self, other: "Envelope") -> bool:
         """Whether both permit the same values."""
         return np.array_equal(self.low, other.low) and np.array_equal(self.high, other.high)
+
+
+def shares_of(y: Array, low: Array | float, high: Array | float, rest: Array | float) -> Array:
+    """How much of the way from rest to the nearest limit values are: 1 at the limit.
+
+    y, low, high, rest: of shapes that broadcast.
+    """
+    return np.maximum((y - rest) / (high - rest), (rest - y) / (rest - low))
 
 
 def exceeded_end(low: float, high: float, value: float) -> float:
