@@ -353,6 +353,11 @@ class Decided(Message):
         default=None,
         description="time of the first exceedance [s], also after seeking back before it",
     )
+    exceeded_as_recorded: bool = Field(
+        default=False,
+        description="whether the first exceedance in a flight under way is one of the value as "
+        "recorded, not from trim",
+    )
     verdict: Verdict | None = Field(
         default=None,
         description="verdict on the warning of the exceedance, or that data were missing in an "

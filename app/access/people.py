@@ -10,7 +10,7 @@ import math
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 
 from app.store.people import LOCAL, SERVER, Role, StoredToken, digest_of
@@ -97,6 +97,10 @@ class People:
         self._used[token_id] = now()
         return admission
 
+    def with_use(self, token: StoredToken) -> StoredToken:
+        """A token with its last use at this server, which may not be stored yet."""
+        return replace(token, last_used=self._used.get(token.id, token.last_used))
+
     @asynccontextmanager
     async def open(self, store: Store) -> AsyncIterator[None]:
         """Follow the tokens of a store. While they cannot be read, none of them is accepted."""
@@ -143,12 +147,9 @@ class People:
         assert self._store is not None
         if not self._used or time.monotonic() - self._noted < NOTED_EVERY_S:
             return
-        used, self._used = self._used, {}
-        try:
-            await asyncio.to_thread(self._store.tokens.note_used, used)
-        except StoreError:
-            self._used = used | self._used
-            raise
+        used = {**self._used}
+        await asyncio.to_thread(self._store.tokens.note_used, used)
+        self._used = {key: t for key, t in self._used.items() if used.get(key) != t}
         self._noted = time.monotonic()
 
     def _require_token(self) -> None:

@@ -42,7 +42,17 @@ MOST_UNACKNOWLEDGED = 1_000
 """Messages that the broker sends before an acknowledgement."""
 EXCERPT = 200
 """Longest part of a refused message that is published with the reason [characters]."""
-SHOWN = ("state", "reason", "cause", "status", "level", "beside", "exceeded_t", "verdict")
+SHOWN = (
+    "state",
+    "reason",
+    "cause",
+    "status",
+    "level",
+    "beside",
+    "exceeded_t",
+    "exceeded_as_recorded",
+    "verdict",
+)
 """Of the stream's messages, in the state."""
 STALE = {"state": "stale", "status": "stale", "level": "caution"}
 GONE = "the bridge between Forewarn and the broker is gone"

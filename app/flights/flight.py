@@ -298,6 +298,7 @@ class Flight(ABC):
             warming_up=self.state is State.WARMING_UP,
             calibrated=self.is_checked,
             exceeded_t=self.exceeded_t,
+            exceeded_as_recorded=self.exceedances.is_first_as_recorded,
             predicted=self._is_predicted and not self.is_over,
         )
 

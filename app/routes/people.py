@@ -87,9 +87,9 @@ async def read_me(person: PersonDep) -> Me:
 
 
 @router.get("/tokens")
-def list_tokens(store: StoreDep) -> list[StoredToken]:
+def list_tokens(store: StoreDep, people: PeopleDep) -> list[StoredToken]:
     """All tokens, newest first, without the secrets."""
-    return store.tokens.all()
+    return [people.with_use(token) for token in store.tokens.all()]
 
 
 @router.post("/tokens", status_code=201, responses=problem_responses(409))

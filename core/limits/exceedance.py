@@ -94,6 +94,8 @@ class LatchedExceedance:
     over: bool
     """whether the newest sample exceeds the limit"""
     acknowledged: bool
+    recorded: float | None = None
+    """largest value as recorded in this exceedance if it is further beyond; else null"""
 
 
 def onsets(
@@ -161,12 +163,19 @@ class _Interval:
     """From the first to the last sample of an exceedance [s].
 
     from_trim: first time [s] and largest value of its samples from trim.
+    recorded: largest value of its samples as recorded.
     """
 
     start: float
     end: float
     acknowledged: bool = False
     from_trim: tuple[float, float] | None = None
+    recorded: float | None = None
+
+    @property
+    def is_as_recorded(self) -> bool:
+        """Whether its first sample is beyond the limit as recorded only."""
+        return self.from_trim is None or self.from_trim[0] > self.start
 
     def has(self, t: float, near: float) -> bool:
         return self.start - near <= t <= self.end + near
@@ -200,6 +209,14 @@ class Exceedances:
     def first_t(self) -> float | None:
         """Start of the first exceedance [s]; None for none."""
         return min((each.first_t for each in self._of.values()), default=None)
+
+    @property
+    def is_first_as_recorded(self) -> bool:
+        """Whether the first exceedance is one as recorded, not from trim."""
+        t = self.first_t
+        channels = (key for key, of_channel in self._of.items() if of_channel.first_t == t)
+        first = (each for key in channels for each in self._intervals[key] if each.start == t)
+        return t is not None and all(each.is_as_recorded for each in first)
 
     @property
     def latched(self) -> list[LatchedExceedance]:
@@ -329,11 +346,14 @@ class Exceedances:
         known.n += begins
         known.first_t = min(known.first_t, t)
         known.last_t = max(known.last_t, t) if begins else known.last_t
+        interval = self._current[key]
         if is_trimmed:
-            interval = self._current[key]
             since, largest = interval.from_trim or (t, value)
             interval.from_trim = min(since, t), self._further(key, largest, value)
         for each in values:
+            if not each.from_trim:
+                known_so_far = each.value if interval.recorded is None else interval.recorded
+                interval.recorded = self._further(key, known_so_far, each.value)
             of = key, each.from_trim
             self._worst[of] = max(self._worst.get(of, each), each, key=partial(self._share, key))
         raw = self._worst.get((key, False))
@@ -384,3 +404,7 @@ class Exceedances:
                 del self._latched[key]
             else:
                 self._latched[key].over = False
+        for key, latched in self._latched.items():
+            raw = self._interval_at(key, latched.t).recorded
+            is_further = raw is not None and self._further(key, latched.value, raw) != latched.value
+            latched.recorded = raw if is_further else None

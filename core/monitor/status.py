@@ -48,6 +48,7 @@ class Facts(NamedTuple):
     a person, or is at the end of its source.   unassessed: it has ended without one assessed
     sample.
     exceeded_t: first exceedance so far [s], even if the replay was moved back; None for none.
+    exceeded_as_recorded: it is one of the value as recorded, not from trim.
     predicted: the newest forecast of the rest of the test card exceeds a limit.
     """
 
@@ -63,6 +64,7 @@ class Facts(NamedTuple):
     paused: bool = False
     unassessed: bool = False
     predicted: bool = False
+    exceeded_as_recorded: bool = False
 
 
 class Headline(NamedTuple):
@@ -70,13 +72,14 @@ class Headline(NamedTuple):
 
     While paused also the predicted exceedance.
 
-    exceeded_t: first exceedance so far [s]; always shown.
+    exceeded_t: first exceedance so far [s]; always shown.   exceeded_as_recorded: see Facts.
     """
 
     status: Status
     level: Level
     beside: tuple[Status, ...] = ()
     exceeded_t: float | None = None
+    exceeded_as_recorded: bool = False
 
 
 LEVELS = {
@@ -178,7 +181,7 @@ def headline(facts: Facts) -> Headline:
     if holds[Status.EXCEEDED] and level in (Level.ADVISORY, Level.NONE):
         level = LEVELS[Status.EXCEEDED]
     beside = tuple(status for status in always if always[status] and status != worst)
-    return Headline(worst, level, beside, facts.exceeded_t)
+    return Headline(worst, level, beside, facts.exceeded_t, facts.exceeded_as_recorded)
 
 
 def in_words(summary: Headline, cause: Cause | None = None) -> str:
@@ -198,5 +201,6 @@ def _word(status: Status, summary: Headline, cause: Cause | None) -> str:
     if cause is not None and (status, cause) in CAUSE_WORDS:
         return CAUSE_WORDS[status, cause]
     if status is Status.EXCEEDED and summary.exceeded_t is not None:
-        return f"{WORDS[status]} first at {summary.exceeded_t:.2f} s"
+        kind = " as recorded" if summary.exceeded_as_recorded else ""
+        return f"{WORDS[status]} first at {summary.exceeded_t:.2f} s{kind}"
     return WORDS[status]

@@ -13,7 +13,7 @@
  *   word        in place of the first value: "INVALID", "", ...
  *   state       of the newest sample: "ok", "invalid", ...; undefined in a recording
  *   last        whether the value is an old one, beside the word
- *   alert, exceeded     whether the risk alerts; {t, value} latched, or null
+ *   alert, exceeded     whether the risk alerts; {t, value, recorded} latched, or null
  *   sensor      value as recorded, where the trim makes it far from the one shown; else undefined
  *   before, otherwise   words before the values at A and B; words where neither is set
  */
@@ -21,7 +21,7 @@
 import { secondsText } from "../lib/clock.js";
 import { formatted, h, put } from "../lib/dom.js";
 import { isBeyond, limitText } from "../lib/limits.js";
-import { figure, formatValue, quantity, reading, sensorText, shownIn } from "../lib/numbers.js";
+import { figure, formatValue, quantity, reading, sensorPeak, sensorText, shownIn } from "../lib/numbers.js";
 
 const LONG = 6; // letters of a symbol
 export const NOTHING = { low: NaN, high: NaN };
@@ -112,9 +112,9 @@ function createReadout(element, strip, large) {
     said = text;
   }
 
-  function showAlarm({ values, alert = false, exceeded = null }, known) {
+  function showAlarm({ values, alert = false, exceeded = null, sensor = NaN }, known) {
     const limits = large && known && strip.limits !== null ? strip.limits.map(Math.fround) : null;
-    const over = limits !== null && isBeyond(limits, values[0].low).includes(true);
+    const over = limits !== null && [values[0].low, sensor].some((value) => isBeyond(limits, value).includes(true));
     element.toggleAttribute("data-alert", known && alert);
     element.toggleAttribute("data-exceeded", exceeded !== null);
     element.toggleAttribute("data-over", over);
@@ -122,8 +122,7 @@ function createReadout(element, strip, large) {
     badge.hidden = latch.hidden && !(known && alert);
     put(badge, latch.hidden ? "ALERT" : "LIMIT");
     if (exceeded === null) return;
-    const { t, value: peak } = exceeded;
-    put(latch, `${peak < 0 ? "▼" : "▲"} ${secondsText(t)}, peak ${quantity(strip, peak)}`);
+    put(latch, `${exceeded.value < 0 ? "▼" : "▲"} ${secondsText(exceeded.t)}, peak ${quantity(strip, exceeded.value)}${sensorPeak(strip, exceeded)}`);
   }
 
   return { show };

@@ -3,12 +3,13 @@
  *
  * The browser adds only that no samples arrive any more, in the same order of severity.
  *
- * headlineOf({status, level, beside, exceeded_t, verdict}, {stale, alarms, blank}) -> Headline
+ * headlineOf({status, level, beside, exceeded_t, exceeded_as_recorded, verdict}, {stale, alarms, blank}) -> Headline
  *     stale: no samples arrive.   alarms: number of unacknowledged warnings
  *     blank: no sample is shown yet: the headline must not look calm
  *     headline.call: in force, see ./alarms/flight_markers.js; its word comes first, the condition beside it
  * levelOf(headline)              data-level, of the condition or the call
  * partsOf(headline, cause)       ["▲ ALARM", "STALE · EXCEEDED first at 8.76 s"], without what is empty
+ * exceededAt(headline)           "EXCEEDED first at 8.76 s as recorded", also after a seek to before it; empty without an exceedance
  * textOf(headline, cause)        "▲ ALARM · STALE · EXCEEDED first at 8.76 s"
  * resultOf(flight) -> {words, parts, level}     its verdict, else its headline; parts: as a short state and what is beside it;
  *     data-level
@@ -35,7 +36,7 @@ export function headlineOf(server, { stale, alarms, blank = false }) {
   const holds = [...known, "stale", ...(alarms > 0 ? ["alarm"] : [])];
   const status = WORST_FIRST.find((each) => holds.includes(each));
   const beside = BESIDE.filter((each) => each !== status && holds.includes(each));
-  return { status, level: LEVELS[status], beside, exceeded_t: server.exceeded_t, verdict: server.verdict };
+  return { ...server, status, level: LEVELS[status], beside };
 }
 
 export function isStale(headline) {
@@ -76,9 +77,10 @@ function wordOf(status, cause = null) {
   return withdrawn ?? STATE_WORDS[shownState({ state: status, cause })];
 }
 
-function besideOf({ status, beside, exceeded_t: t, verdict }, cause = null) {
-  const exceeded = Number.isFinite(t) && status !== "exceeding" && status !== "exceeded";
-  const words = [...beside.map((status) => wordOf(status, cause)), [status, ...beside].includes("no_alert") && "exceedance predicted", exceeded && exceededAt(t), verdict?.warning];
+function besideOf(headline, cause = null) {
+  const { status, beside, verdict } = headline;
+  const exceeded = status !== "exceeding" && status !== "exceeded";
+  const words = [...beside.map((status) => wordOf(status, cause)), [status, ...beside].includes("no_alert") && "exceedance predicted", exceeded && exceededAt(headline), verdict?.warning];
   return words.filter(Boolean).join(" · ");
 }
 
@@ -96,11 +98,10 @@ export function levelOf({ level, call = null }) {
   return LEVEL_OF[call === null || level === "warning" ? level : call.level];
 }
 
-function worstOf({ status, exceeded_t: t }, cause = null) {
-  return status === "exceeded" && Number.isFinite(t) ? exceededAt(t) : wordOf(status, cause);
+function worstOf(headline, cause = null) {
+  return (headline.status === "exceeded" && exceededAt(headline)) || wordOf(headline.status, cause);
 }
 
-/** Also shown after a seek to before the exceedance. */
-function exceededAt(t) {
-  return `${STATE_WORDS.exceeded} first at ${secondsText(t)}`;
+export function exceededAt({ exceeded_t: t, exceeded_as_recorded: isRecorded }) {
+  return Number.isFinite(t) ? `${STATE_WORDS.exceeded} first at ${secondsText(t)}${isRecorded ? " as recorded" : ""}` : "";
 }

@@ -12,20 +12,20 @@
  *     mode: where the samples come from, as on the status strip.   name: of flight and monitor.   y: of the newest sample by channel, null while none is
  *     current.   sensor: of the newest frame.   latched: the exceedances that the strips show.   why, widest: see withoutLimits of flight_monitors.js
  *   close()        the view ends
- * limitRows(channels, y, latched, widest) -> [{channel, value, peak, margin}]     of the MOST limited channels nearest to
- *     their limits, or furthest beyond; margin: 1 at the limit.   value, peak: NaN for none
+ * limitRows(channels, y, latched, widest) -> [{channel, value, exceeded, margin}]     of the MOST limited channels nearest to
+ *     their limits, or furthest beyond; margin: 1 at the limit.   value: NaN for none.   exceeded: the latched one, or null
  *     widest: limits by key in place of the channels' own, beyond which alone a channel is given; null for none
  */
 
 import { secondsText } from "../lib/clock.js";
 import { button, formatted, h, put } from "../lib/dom.js";
 import { isBeyond, limitsOf, limitText, marginOf, withLimits } from "../lib/limits.js";
-import { magnitudeIn, quantity, sensorText } from "../lib/numbers.js";
+import { magnitudeIn, quantity, sensorPeak, sensorText } from "../lib/numbers.js";
 import { soundWords } from "./alarms/tone.js";
 import { showMode } from "./status_strip.js";
 
 const MOST = 3;
-const LETTERS = 12; // of a name
+const LETTERS = 8; // of a name
 const ROOM = 1.25; // of a bar, in limits
 const NAME = "wall";
 
@@ -114,9 +114,9 @@ export function limitRows(channels, y, latched, widest = null) {
   const all = (widest === null ? channels : withLimits(channels, widest)).map((channel, k) => {
     const limits = limitsOf(channel);
     const value = y?.[k] ?? NaN;
-    const peak = latched.find(({ channel: key }) => key === channel.key)?.value ?? NaN;
+    const exceeded = latched.find(({ channel: key }) => key === channel.key) ?? null;
     const marginAt = (at) => (limits === null || !Number.isFinite(at) ? -Infinity : marginOf(limits, channel.rest ?? 0, at)[1]);
-    return { channel, k, limits, value, peak, margin: marginAt(value), worst: Math.max(marginAt(value), marginAt(peak)) };
+    return { channel, k, limits, value, exceeded, margin: marginAt(value), worst: Math.max(marginAt(value), marginAt(exceeded?.value)) };
   });
   const limited = all.filter(({ limits, worst }) => limits !== null && (widest === null || worst >= 1));
   const nearest = limited.sort((a, b) => b.worst - a.worst || a.k - b.k).slice(0, MOST);
@@ -130,24 +130,25 @@ function shortened(symbol) {
 
 function rowOf(channel) {
   const value = h("span.wall-value");
-  const limit = h("span.wall-limit");
+  const words = h("span.wall-limit");
   const bar = h("span.wall-bar");
-  const item = h("li.wall-row", h("span.wall-name", { title: channel.label }, formatted(shortened(channel.symbol))), value, h("span.wall-track", bar), limit);
+  const item = h("li.wall-row", h("span.wall-name", { title: channel.label }, formatted(shortened(channel.symbol))), value, h("span.wall-track", bar), words);
   let shown = "";
 
-  function show({ channel: now, value: at, peak, margin, sensor }) {
+  function show({ channel: now, value: at, exceeded, margin: fromTrim, sensor }) {
     const known = Number.isFinite(at);
-    const current = known ? `${margin >= 1 ? "▲ " : ""}${quantity(now, at)}` : "–";
-    const hasPeak = Number.isFinite(peak); // it is the state; the current value is not
     const limits = limitsOf(now);
-    const exceeded = limits[isBeyond(limits, peak)[0] ? 0 : 1];
-    put(value, hasPeak ? `▲ ${quantity(now, peak)}` : current);
-    const basis = known && sensor !== undefined ? sensorText(now, sensor) : "";
-    const text = hasPeak ? `peak, limit ${magnitudeIn(now, exceeded)}, now ${current} ${basis}` : `limit ${limitText(now, limits)} ${basis}`;
-    if (text !== shown) limit.replaceChildren(formatted(text));
+    const hasSensor = known && sensor !== undefined;
+    const margin = Math.max(fromTrim, hasSensor ? marginOf(limits, now.rest ?? 0, sensor)[1] : 0);
+    const current = known ? `${margin >= 1 ? "▲ " : ""}${quantity(now, at)}` : "–";
+    const basis = hasSensor ? sensorText(now, sensor) : "";
+    const limit = exceeded && magnitudeIn(now, limits[isBeyond(limits, exceeded.value)[0] ? 0 : 1]);
+    put(value, exceeded ? `▲ ${quantity(now, exceeded.value)}` : current); // the peak is the state; the current value is not
+    const text = exceeded ? `peak${sensorPeak(now, exceeded)}, limit ${limit}; now ${current} ${basis}` : `limit ${limitText(now, limits)} ${basis}`;
+    if (text !== shown) words.replaceChildren(formatted(text));
     shown = text;
     item.toggleAttribute("data-over", known && margin >= 1);
-    item.toggleAttribute("data-exceeded", hasPeak);
+    item.toggleAttribute("data-exceeded", exceeded !== null);
     bar.style.width = known ? `${(100 * Math.min(ROOM, Math.max(0, margin))) / ROOM}%` : "0";
   }
 

@@ -160,6 +160,9 @@ export function quantity(channel, value) {
 /** Beside a value from trim that is far from the one as recorded. */
 export const sensorText = (channel, recorded) => `from trim, sensor ${quantity(channel, recorded)}`;
 
+/** After the largest value of a latched exceedance: the sensor's, where it is further beyond. */
+export const sensorPeak = (channel, { recorded = null }) => (recorded === null ? "" : ` ${sensorText(channel, recorded)}`);
+
 export function magnitude(channel, value, digits = 4) {
   return figure(value * shownIn(channel).factor, digits);
 }

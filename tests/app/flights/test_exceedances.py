@@ -98,10 +98,14 @@ def test_the_worst_value_is_one_from_trim_and_a_further_one_as_recorded_is_besid
         if t < 7.7:
             assert [one.worst for one in log.of_channels] == [pytest.approx(ny + 0.225)]
             assert log.latched == []
+        assert log.is_first_as_recorded
     (of_ny,), (latched,) = log.of_channels, log.latched
     assert (of_ny.n, of_ny.first_t, of_ny.worst, of_ny.worst_t) == (1, 7.4, 0.504, 7.7)
     assert (of_ny.recorded, of_ny.recorded_t) == (pytest.approx(0.729), 7.7)
-    assert (latched.t, latched.value) == (7.7, 0.504)
+    assert (latched.t, latched.value, latched.recorded) == (7.7, 0.504, pytest.approx(0.729))
+    log = sampled((0.6, 0))
+    assert not log.is_first_as_recorded
+    assert [one.recorded for one in log.latched] == [None]
 
 
 def test_an_exceedance_is_latched_until_it_was_acknowledged_and_is_over() -> None:

@@ -83,6 +83,7 @@ def test_a_person_has_name_and_role_until_the_token_is_revoked(client: TestClien
     assert client.get(ME).json()["name"] == "Ann"
     (listed,) = client.get(TOKENS, headers=bearer(TOKEN)).json()
     assert listed.keys() == {"id", "name", "role", "created", "expires", "revoked", "last_used"}
+    assert listed["last_used"] is not None
     revoked = client.delete(f"{TOKENS}/{token_id}", headers=bearer(TOKEN)).json()
     assert revoked["revoked"] is not None
     problem(client.get(ME, headers=ann), 401)

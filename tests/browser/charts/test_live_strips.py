@@ -310,6 +310,10 @@ def test_a_latched_exceedance_of_either_sign_is_shown(strips: Open) -> None:
         assert readout(page, "Ny", "badge") == "LIMIT"
         peak = "▲ 0.80 s, peak 0.700 g" if value > 0 else "▼ 0.80 s, peak −0.700 g"
         assert readout(page, "Ny", "latch") == peak
+        worse = json.dumps(latched | {"recorded": value + 0.2})
+        run(page, f"h.chart.latch([{worse}]); h.draw(1100)")
+        sensor = f"{value + 0.2:.3f} g".replace("-", "−")
+        assert readout(page, "Ny", "latch") == f"{peak} from trim, sensor {sensor}"
     run(page, "h.chart.latch([]); h.draw(1300)")
     assert not page.locator('.strip[data-key="Ny"] .readout-latch').is_visible()
 

@@ -110,9 +110,11 @@ def recording(state: str, monitors: int, long: bool) -> dict[str, Any]:
     status, level, beside = STATES[state]
     key = next(each["key"] for each in hello["channels"] if each["high"] is not None)
     peak = {"channel": key, "t": 1.2, "value": 9.5, "over": True, "acknowledged": False}
+    peak["recorded"] = 12.5
     exceeds = state in ("exceeding", "alarm")
     headline = {"status": status, "level": level, "beside": beside, "verdict": None}
     headline |= {"exceeded_t": 1.2 if exceeds else None, "latched": [peak] if exceeds else []}
+    headline["exceeded_as_recorded"] = exceeds
     made["headlines"] = [{"seq": 0, "pair": [headline, headline]}]
     return made
 
@@ -160,7 +162,10 @@ def test_all_that_the_wall_shows_in_any_state_is_legible_from_5_m(
         exceeding = page.locator(".wall-row[data-exceeded]")
         if state in ("exceeding", "alarm"):
             expect(exceeding.locator(".wall-value")).to_contain_text("▲")
-            expect(exceeding.locator(".wall-limit")).to_contain_text("peak, limit")
+            expect(exceeding.locator(".wall-limit")).to_contain_text("peak from trim, sensor")
+        if state == "alarm":
+            first = "EXCEEDED first at 1.20 s as recorded"
+            expect(page.locator(".wall-beside")).to_contain_text(first)
         assert_legible(page)
 
 
@@ -192,7 +197,7 @@ def test_between_the_conditions_of_a_set_the_wall_gives_reason_and_what_exceeds(
     expect(page.locator(".wall-row")).to_have_count(rows)
     if rows:
         expect(page.locator(".wall-row .wall-value")).to_contain_text("▲")
-        expect(page.locator(".wall-row .wall-limit")).to_contain_text("peak, limit")
+        expect(page.locator(".wall-row .wall-limit")).to_contain_text("peak from trim, sensor")
     assert_legible(page)
 
 

@@ -14,7 +14,7 @@ from core.monitor.status import (
 )
 
 T = 8.76
-FLAGS = [name for name in Facts._fields if name != "exceeded_t"]
+FLAGS = [name for name in Facts._fields if not name.startswith("exceeded")]
 EVERY = [
     Facts(exceeded_t=exceeded_t)._replace(**dict(zip(FLAGS, values, strict=True)))
     for values in product((False, True), repeat=len(FLAGS))
@@ -113,6 +113,8 @@ def test_a_paused_flight_is_never_ok_and_an_exceedance_stays_its_headline() -> N
     assert in_words(predicted) == "PAUSED · NO ALERT · exceedance predicted"
     exceeded = headline(Facts(paused=True, exceeded_t=T))
     assert in_words(exceeded) == "EXCEEDED first at 8.76 s · PAUSED"
+    raw = headline(Facts(paused=True, exceeded_t=T, exceeded_as_recorded=True))
+    assert in_words(raw) == "EXCEEDED first at 8.76 s as recorded · PAUSED"
 
 
 def test_red_is_for_warnings_that_ask_for_action_now() -> None:

@@ -23,6 +23,7 @@ import { errorLine, formatted, h, put } from "../../lib/dom.js";
 import { sentence } from "../../lib/monitors.js";
 import { counted, figure, leadSeconds, magnitudeIn, quantity, riskText } from "../../lib/numbers.js";
 import { shownState } from "../../lib/states.js";
+import { exceededAt } from "../headline.js";
 import { CAUTION_WORDS, cautionText, waitingOf } from "../panels.js";
 
 const GOES_ON = {
@@ -62,7 +63,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   let holds = []; // statuses of the headline and beside it
   let shown = "";
   let stale = "";
-  let exceededT = null; // of the first exceedance [s]
+  let exceeded = ""; // the first exceedance, in words
   let isLinked = true;
 
   const waiting = () => waitingOf([...alarms.values()]);
@@ -71,7 +72,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   function render() {
     put(promise, promised());
     put(quiet, quietWords());
-    calm.toggleAttribute("data-warned", flight.warnings.length > 0 || Number.isFinite(exceededT));
+    calm.toggleAttribute("data-warned", flight.warnings.length > 0 || exceeded !== "");
     const { warnings, cautions } = waiting();
     const open = warnings.length > 0 ? warnings : cautions;
     const latest = open.findLast(({ kind }) => kind === "limit") ?? open.at(-1); // a measured exceedance comes first
@@ -100,7 +101,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   /** Never calm after an exceedance, also where someone has acknowledged it. */
   function quietWords() {
     if (!isLinked) return "◆ Not connected: new alarms cannot arrive. ";
-    return Number.isFinite(exceededT) ? `◆ LIMIT EXCEEDED first at ${secondsText(exceededT)}, acknowledged. ` : "No unacknowledged alarms. ";
+    return exceeded ? `◆ LIMIT ${exceeded}, acknowledged. ` : "No unacknowledged alarms. ";
   }
 
   function promised() {
@@ -181,8 +182,8 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     },
     setHeadline: (now) => {
       const next = [now.status, ...now.beside];
-      if (next.join() === holds.join() && now.exceeded_t === exceededT) return;
-      [status, holds, exceededT] = [now.status, next, now.exceeded_t];
+      if (next.join() === holds.join() && exceededAt(now) === exceeded) return;
+      [status, holds, exceeded] = [now.status, next, exceededAt(now)];
       render();
     },
     acknowledgeAll,

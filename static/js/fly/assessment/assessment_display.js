@@ -120,7 +120,7 @@ export function createAssessmentDisplay(panels, { hello, api, path, alarm, event
   }
 
   function withdraw() {
-    gauge.update({ ...assessment, p_value: null, last: newest?.p_value, said: lastCause(), alertAbove: levelNow() });
+    gauge.update({ ...assessment, p_value: null, said: lastCause(), alertAbove: levelNow() });
     chart.setState(assessment);
   }
 

@@ -5,9 +5,9 @@
  * word and a shape. Risks are spaced by their square root, as on the risk strip.
  *
  * createRiskGauge(element, timeline) -> {update(reading), draw(wall, headline)}     timeline: the strips' clock
- *     reading: {p_value, alertAbove, state, alert, reason, last, said}, as a frame has them
+ *     reading: {p_value, alertAbove, state, alert, reason, said}, as a frame has them
  *       state: also over (the flight has ended), or null for no data
- *       last, said: risk and cause of the last sample, where none follows
+ *       said: cause of the last sample, where none follows
  */
 
 import { STATE_WORDS, stripState, WITHDRAWN } from "../../lib/states.js";
@@ -149,11 +149,10 @@ export function createRiskGauge(element, timeline = null) {
   };
 }
 
-function whyOf(key, { reason, state, p_value: risk, last = risk, alertAbove }, timeline, wall) {
+function whyOf(key, { reason, state }, timeline, wall) {
   if (key === "none") return "no sample has been assessed yet";
   if (key === "stale" && timeline !== null && Number.isFinite(timeline.age(wall))) {
-    const then = Number.isFinite(last) ? `, its risk ${riskText(last, alertAbove)}` : "";
-    return staleText(state === "stale" ? reason : "", timeline.age(wall)) + then;
+    return staleText(state === "stale" ? reason : "", timeline.age(wall));
   }
   return reason || (state === "ok" ? "the assessment has no p-value" : "");
 }
