@@ -197,7 +197,7 @@ class Frame(SampleAssessment):
     sensor: dict[str, float] = Field(
         default_factory=dict,
         description="as recorded, the limited channels that the subtracted trim changes by at "
-        "least 20 % of the limit; absent if there is none, and in a record",
+        "least 20 % of the limit; absent if there is none",
     )
     taken: float | None = Field(
         default=None,
@@ -341,8 +341,8 @@ class Decided(Message):
     status: Status = Field(
         description="headline, the worst of: exceeding now, alarm unacknowledged, "
         "risk above the alert level, stale, invalid, caution unacknowledged or data missing, "
-        "paused or at the end of its source, warming up, ended without an assessed sample, "
-        "validity not calibrated, "
+        "paused or at the end of its source, no sample yet (`no_data`), warming up, "
+        "ended without an assessed sample, validity not calibrated, "
         "limit exceeded earlier, exceedance predicted for the rest of the card (`no_alert`), ok"
     )
     level: Level = Field(description="level of the headline as in 14 CFR 25.1322")

@@ -131,6 +131,8 @@ class TrimChange:
     """trim in the channel's unit; null: values are as recorded from here on"""
     by_hand: bool = False
     """whether a person began the manoeuvre for which it was taken"""
+    is_far: bool = False
+    """whether it is so large a share of a limit that values as recorded are shown beside"""
 
 
 @dataclass(frozen=True)

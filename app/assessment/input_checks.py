@@ -6,7 +6,7 @@ journal find the same.
 """
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import isnan
 from typing import Literal, NamedTuple, get_args
 
@@ -125,23 +125,11 @@ class InputChecks:
         self._contradictions.restart()
 
 
-def sensor_values(
-    keys: Sequence[str], limits: Envelope | None, y: Array, recorded: Array
-) -> dict[str, float]:
-    """As recorded, the limited channels that the trim changes by a notable share of their limit.
-
-    y: (n_channels,) from trim.   recorded: the same including trim.
-    """
-    if limits is None:
-        return {}
-    far = limits.shares(limits.rest + recorded - y) >= NOTABLE
-    return {keys[c]: recorded.item(c) for c in np.flatnonzero(far).tolist()} if far.any() else {}
-
-
 class TrimCheck:
     """Where the trim changed, and whether it is a large part of a limit: little shown may be much.
 
-    limits: of the monitor; None if unknown.   changes: the newest.
+    limits: of the monitor; None if unknown.   changes: the newest.   far: channels, by key, whose
+    trim is a notable share of their limit.
     """
 
     def __init__(self, dictionary: Dictionary, limits: Envelope | None) -> None:
@@ -150,14 +138,17 @@ class TrimCheck:
         self._noted = np.full(len(dictionary), np.nan)
         self.doubts: tuple[Doubt, ...] = ()
         self.changes = deque[TrimChange](maxlen=CHANGES_KEPT)
+        self.far: Mapping[str, int] = {}
 
     def note(self, t: float, trim: Array, *, by_hand: bool = False) -> None:
         """The trim from the sample of t [s] on, (n_channels,), NaN where unknown."""
         if self._limits is None or self._trim == (known := trim.tobytes()):
             return
         self._trim = known
-        self._note_changes(t, trim, self._limits, by_hand)
         share = np.nan_to_num(self._limits.shares(self._limits.rest + trim))
+        at = np.flatnonzero(share >= NOTABLE).tolist()
+        self.far = {self._channels[c].key: c for c in at}
+        self._note_changes(t, trim, self._limits, by_hand)
         if self.doubts and abs(share.item(self._at) - self._share) < SETTLED:
             return
         self._at = at = int(share.argmax())
@@ -180,7 +171,8 @@ class TrimCheck:
             self._noted[c] = value
             if channel.reference == "trim":
                 known = None if isnan(value) else value
-                self.changes.append(TrimChange(t, channel.key, known, by_hand))
+                is_far = channel.key in self.far
+                self.changes.append(TrimChange(t, channel.key, known, by_hand, is_far))
 
 
 class _Recent:

@@ -1,7 +1,7 @@
 """Assesses a live source sample by sample; its journal gives the same assessments again."""
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import isfinite
 from typing import Any, Literal, NamedTuple
 
@@ -47,6 +47,7 @@ from core.types import Array
 
 TrimRule = Literal["detected", "none"]
 P, R = LATERAL.index("p"), LATERAL.index("r")
+NOT_FAR: Mapping[str, int] = {}
 NOT_FINITE = REASONS[assessing.INVALID]
 
 
@@ -56,7 +57,7 @@ class LiveAssessed(NamedTuple):
     y: (n_channels,) from trim, as recorded where that is unknown.   judged: NaN there.
     recorded: the same including trim.   manoeuvre: 1, 2 ...; 0: none.   shown: arrival time at
     which it was settled [s].   display: assessments by the monitors for display.   ruling: limits
-    in force or monitor in use; None for the monitor's own limits.
+    in force or monitor in use; None for the monitor's own limits.   far: see TrimCheck.
     """
 
     y: Array
@@ -68,6 +69,7 @@ class LiveAssessed(NamedTuple):
     shown: float
     display: tuple[Assessment, ...] = ()
     ruling: Ruling | None = None
+    far: Mapping[str, int] = NOT_FAR
 
     def shown_attitude(self, display: DisplayAttitude | None) -> Angles:
         """As received; without bank or pitch all are integrated from the rates, given a display."""
@@ -365,7 +367,7 @@ class CausalScorer:
         if ruling is not None:
             assessment, display = ruling.apply(assessment, display)
         about = assessment, sample.attitude, self.manoeuvre, sample.shown, display, ruling
-        return LiveAssessed(y, known, sample.y, *about)
+        return LiveAssessed(y, known, sample.y, *about, self._trim_check.far)
 
     def _note_contradiction(self, t: float, reason: str) -> None:
         if not reason:

@@ -137,6 +137,7 @@ def _record(summary: Summary, n_open: Counter[Level]) -> Record:
         caution=n_open[Level.CAUTION] > 0
         or (summary.verdict is not None and summary.verdict.exceeded_t is None),
         invalid=state is State.INVALID,
+        no_data=(summary.state, summary.reason) == NO_SAMPLE,
         unassessed=summary.is_assessed is False,
         calibrated=summary.is_calibrated,
         exceeded_t=summary.exceeded_t,

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from app.assessment.grid import Angles, IntegratedAngles
-from app.assessment.input_checks import Doubt, sensor_values
+from app.assessment.input_checks import Doubt
 from app.assessment.limits_in_force import LimitsInForce, RequestedLimits
 from app.assessment.monitors_in_use import MonitorRuling, MonitorsInUse
 from app.assessment.rulings import InForceFrom, Ruling
@@ -172,7 +172,7 @@ class Flight(ABC):
         self.in_force = InForce(plan.authority, plan.monitors)
         self.is_over = False
         self.t = 0.0
-        self.state, self.reason, self._late = State.WARMING_UP, NO_SAMPLE, ""
+        self.state, self.reason, self._late = State.NO_DATA, NO_SAMPLE, ""
         self.cause: Cause | None = None
         self._assessment: Assessment | None = None
         self._exceeds = False
@@ -295,6 +295,7 @@ class Flight(ABC):
             stale=self.state is State.STALE,
             invalid=assessment is not None and assessment.state is State.INVALID,
             paused=self._is_paused and not self.is_over,
+            no_data=self.state is State.NO_DATA,
             warming_up=self.state is State.WARMING_UP,
             calibrated=self.is_checked,
             exceeded_t=self.exceeded_t,
@@ -520,15 +521,18 @@ class Flight(ABC):
         display: tuple[Assessment, ...] = (),
         *,
         recorded: Array,
+        far: Mapping[str, int],
     ) -> None:
         """Record, check and encode one sample; `_show` follows once per burst.
 
         display: assessments by the monitors for display.   recorded: y including trim.
+        far: see TrimCheck.
         """
         seq = self._recent.head + 1
         self.recorder.add(seq, y, assessment, display)
         sent = round(due * 1e3, 3)
-        self._follow(y, assessment, exceedance, attitude, display, sent, recorded=recorded)
+        about = y, assessment, exceedance, attitude, display, sent
+        self._follow(*about, recorded=recorded, far=far)
         about = assessment, exceedance, self.clock, self._late
         beyond = beyond_of(self.in_force.ruling)
         if raised := self.alarms.update(seq, index, *about, beyond=beyond):
@@ -546,6 +550,7 @@ class Flight(ABC):
         sent: float | None = None,
         *,
         recorded: Array,
+        far: Mapping[str, int],
     ) -> None:
         """Update the display with one sample. sent: monotonic milliseconds; None for an old one."""
         if self.in_force.is_undated:
@@ -557,8 +562,7 @@ class Flight(ABC):
         taken = self._taken(assessment.t)
         ahead = self._ahead_of(assessment)
         is_integrated = isinstance(attitude, IntegratedAngles)
-        keys = self.plan.monitor.dictionary.keys
-        sensor = sensor_values(keys, self.in_force.limits, y, recorded)
+        sensor = {key: value for key, c in far.items() if isfinite(value := recorded.item(c))}
         about = display, taken, ahead, attitude, is_integrated, sensor
         frame = plain_frame(self._recent.head + 1, y, assessment, sent, *about)
         self._recent.append(encode_frame(frame))

@@ -1,9 +1,10 @@
 """Frames, alarms and markers of flights, in progress or ended, stored or not yet."""
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from app.recordings.scoring_answers import stored_assessment
 from app.store.flights import FlightInfo
 from app.store.store import NotFound, Store
 from app.telemetry.journal import Journals
+from core.channels import Dictionary
 from core.flight_events import Alarm, FlightMarker, TrimChange
 
 NAME, ACCEPT_USELESS = "name", "accept_useless"
@@ -73,17 +75,22 @@ class FlightRecords:
         markers = {marker.number: marker for marker in stored}
         return list((markers | (flight.markers if flight else {})).values())
 
-    async def frames(self, flight_id: str, first: int, last: int) -> list[dict[str, Any]]:
-        """Flown frames first..last, as streamed. NotFound."""
+    async def frames(
+        self, flight_id: str, first: int, last: int, trims: Sequence[TrimChange] | None
+    ) -> list[dict[str, Any]]:
+        """Flown frames first..last, as streamed. trims: of the flight. NotFound."""
         flight = self._under_way.get(flight_id)
         waiting = flight.recorder.waiting(first, last) if flight else []
         stored = await asyncio.to_thread(self._stored_frames, flight_id, first, last)
         head = stored[-1]["seq"] if stored else -1
-        return stored + [
+        stored += [
             plain_frame(sample.seq, sample.y, sample.assessment, None, sample.display)
             for sample in waiting
             if sample.seq > head
         ]
+        if trims:
+            await asyncio.to_thread(self._add_sensor, flight_id, stored, trims)
+        return stored
 
     async def live_status(self, flight_id: str) -> LiveStatus | None:
         flight = self._under_way.get(flight_id)
@@ -112,6 +119,22 @@ class FlightRecords:
         if info.end_reason is not None or self._journals is None:
             return info.end_reason or ""
         return str((await asyncio.to_thread(self._journals.last, info.id)).get("reason", ""))
+
+    def _add_sensor(
+        self, flight_id: str, frames: list[dict[str, Any]], trims: Sequence[TrimChange]
+    ) -> None:
+        """Add values as recorded, where the flight showed them beside those from trim."""
+        monitor = self._store.monitors.info(self._store.flights.info(flight_id).monitor_id)
+        keys = Dictionary.from_stored(monitor.dictionary).keys
+        for frame in frames:
+            in_use = {change.channel: change for change in trims if change.t <= frame["t"]}
+            values = {
+                key: frame["y"][keys.index(key)] + change.value
+                for key, change in in_use.items()
+                if change.is_far and change.value is not None
+            }
+            if known := {key: value for key, value in values.items() if isfinite(value)}:
+                frame["sensor"] = known
 
     def _stored_frames(self, flight_id: str, first: int, last: int) -> list[dict[str, Any]]:
         stored = self._store.flights.assessments(flight_id, first, last)

@@ -4,7 +4,7 @@ The same monitor gives the same bits; another one gives what it would have shown
 received by each moment. The replay keeps the delay of each sample and the stale times.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from operator import attrgetter
 from typing import Any
 
@@ -65,6 +65,7 @@ class ShownFlight(StoredScript):
         self._display: list[tuple[Assessment, ...]] = []
         self._rulings: list[Ruling | None] = []
         self._doubts: list[tuple[Doubt, ...]] = []
+        self._far: list[Mapping[str, int]] = []
         self._came: list[float] = []
         self.near = 2.0 * setup.dt
         self._received: dict[int, list[ReceivedExceedance]] = {}
@@ -88,6 +89,9 @@ class ShownFlight(StoredScript):
 
     def recorded(self, k: int) -> Array:
         return self.samples["recorded"][k]
+
+    def far(self, k: int) -> Mapping[str, int]:
+        return self._far[k]
 
     def judged(self, k: int) -> Array:
         return self.samples["judged"][k]
@@ -180,6 +184,7 @@ class ShownFlight(StoredScript):
             self._display.append(assessed.display)
             self._rulings.append(assessed.ruling)
             self._doubts.append(scorer.doubts)
+            self._far.append(assessed.far)
             yield _row(assessed, display)
         self.trims = scorer.trims
         if waiting := [*waiting, *scorer.pop_exceedances()]:

@@ -297,8 +297,8 @@ async def read_assessments(
     `next` is the number of the next frame to request, null at the end.
     """
     stop = last_frame(first, last)
-    frames = await flights.records.frames(flight_id, first, stop)
     trims = await flights.records.trims(flight_id)
+    frames = await flights.records.frames(flight_id, first, stop, trims)
     return await _frames_response(frames, first, stop, last, trims)
 
 

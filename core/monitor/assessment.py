@@ -12,12 +12,14 @@ from core.types import Array, Flags, Indices
 
 
 class State(StrEnum):
-    """Whether a sample could be assessed; only `ok` has a p-value."""
+    """Whether a sample could be assessed; only `ok` has a p-value. A flight before its first sample
+    has no data."""
 
     OK = "ok"
     WARMING_UP = "warming_up"
     STALE = "stale"
     INVALID = "invalid"
+    NO_DATA = "no_data"
 
 
 class Cause(StrEnum):
@@ -32,8 +34,8 @@ class Cause(StrEnum):
     READY = "ready"
 
 
-STATES = tuple(State)
-"""States by the code that the compiled kernels use."""
+STATES = State.OK, State.WARMING_UP, State.STALE, State.INVALID
+"""States of assessments by the code that the compiled kernels use."""
 _CODES = {state: code for code, state in enumerate(STATES)}
 
 

@@ -20,6 +20,7 @@ class Status(StrEnum):
     INVALID = "invalid"
     CAUTION = "caution"
     PAUSED = "paused"
+    NO_DATA = "no_data"
     WARMING_UP = "warming_up"
     NOT_ASSESSED = "not_assessed"
     NOT_CALIBRATED = "not_calibrated"
@@ -46,7 +47,7 @@ class Facts(NamedTuple):
     calibrated: whether validity is calibrated.   caution: one is unacknowledged, samples are in
     doubt, or data were missing in an ended flight.   paused: no next sample is played: it waits for
     a person, or is at the end of its source.   unassessed: it has ended without one assessed
-    sample.
+    sample.   no_data: no sample came.
     exceeded_t: first exceedance so far [s], even if the replay was moved back; None for none.
     exceeded_as_recorded: it is one of the value as recorded, not from trim.
     predicted: the newest forecast of the rest of the test card exceeds a limit.
@@ -65,6 +66,7 @@ class Facts(NamedTuple):
     unassessed: bool = False
     predicted: bool = False
     exceeded_as_recorded: bool = False
+    no_data: bool = False
 
 
 class Headline(NamedTuple):
@@ -90,6 +92,7 @@ LEVELS = {
     Status.INVALID: Level.CAUTION,
     Status.CAUTION: Level.CAUTION,
     Status.PAUSED: Level.ADVISORY,
+    Status.NO_DATA: Level.ADVISORY,
     Status.WARMING_UP: Level.ADVISORY,
     Status.NOT_ASSESSED: Level.ADVISORY,
     Status.NOT_CALIBRATED: Level.ADVISORY,
@@ -163,6 +166,7 @@ def headline(facts: Facts) -> Headline:
         Status.INVALID: facts.invalid,
         Status.CAUTION: facts.caution,
         Status.PAUSED: facts.paused and not exceeded,
+        Status.NO_DATA: facts.no_data,
         Status.WARMING_UP: facts.warming_up,
         Status.NOT_ASSESSED: facts.unassessed,
         Status.NOT_CALIBRATED: not facts.calibrated,

@@ -26,7 +26,7 @@ const VIOLATIONS = {
   advisory: { cssClass: "is-limit--cyan", name: "WATCH" },
 };
 const STATES = ["OK", "NOT CALIBRATED", "NOT ASSESSED", "WARMING UP", "ENDED", "INVALID", "NOT APPLICABLE", "LIMITS UNKNOWN", "STALE", "ALERT", "EXCEEDING"];
-const HEADLINES = ["OK", "NO ALERT", "EXCEEDED", "NOT CALIBRATED", "NOT ASSESSED", "WARMING UP", "ENDED", "CAUTION", "INVALID", "STALE", "ALERT", "ALARM", "EXCEEDING"];
+const HEADLINES = ["OK", "NO ALERT", "EXCEEDED", "NOT CALIBRATED", "NOT ASSESSED", "WARMING UP", "NO DATA", "ENDED", "CAUTION", "INVALID", "STALE", "ALERT", "ALARM", "EXCEEDING"];
 const CAUSES = { between_manoeuvres: "NOT ASSESSED", ready: "NOT ASSESSED", not_applicable: "NOT APPLICABLE", limits_unknown: "LIMITS UNKNOWN" };
 
 const words = (key) => key.replaceAll("_", " ").toUpperCase();

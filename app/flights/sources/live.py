@@ -508,7 +508,7 @@ class LiveFlight(Flight):
             assessed, received = replay.waiting.popleft()
             replay.exceeding += self._judged(received)
             shown = *self._flown(assessed), assessed.display
-            self._follow(*shown, recorded=assessed.recorded)
+            self._follow(*shown, recorded=assessed.recorded, far=assessed.far)
             if (alert := assessed.assessment.alert) is not None:
                 replay.alert_t = (replay.alert_t or assessed.assessment.t) if alert else None
 
@@ -638,7 +638,8 @@ class LiveFlight(Flight):
     def _fly_one(self, assessed: LiveAssessed, due: float) -> None:
         y, assessment, exceeded, attitude = self._flown(assessed)
         about = due, self.head + 1, attitude, assessed.display
-        self._fly(y, assessment, exceeded, *about, recorded=assessed.recorded)
+        shown = y, assessment, exceeded, *about
+        self._fly(*shown, recorded=assessed.recorded, far=assessed.far)
 
     def _flown(self, assessed: LiveAssessed) -> tuple[Array, Assessment, Exceeded | None, Angles]:
         judged, recorded, ruling = assessed.judged, assessed.recorded, assessed.ruling

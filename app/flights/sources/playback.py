@@ -128,6 +128,10 @@ class Script(ABC):
         """Sample k including trim, (n_channels,)."""
         return self.y(k)
 
+    def far(self, k: int) -> Mapping[str, int]:
+        """Channels whose trim at sample k is a notable share of their limit, see TrimCheck."""
+        return {}
+
     def judged(self, k: int) -> Array:
         """Sample k from trim, (n_channels,), NaN where that is unknown."""
         return self.y(k)

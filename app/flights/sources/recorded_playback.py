@@ -101,6 +101,7 @@ class RecordedScript(StoredScript):
         self._worst = defaultdict[int, list[tuple[Mapping[str, Any], bool]]](list)
         for each, is_raw in worst:
             self._worst[self._at(each["t"])].append((each, is_raw))
+        self._far: list[Mapping[str, int]] = []
         self._envelope = None if monitor is None else monitor.envelope
         if monitor is not None:
             self._follow(monitor)
@@ -113,6 +114,7 @@ class RecordedScript(StoredScript):
                 levels = self._offsets + self._unknown - biases
                 for begin, trim in zip(begins, levels[:-1], strict=True):
                     check.note(float(self.t[begin]), trim)
+                    self._far.append(check.far)
                 self.trims = list(check.changes)
 
     def _begins(self, manoeuvre: Mapping[str, Any], planned: PlannedTest) -> float | None:
@@ -147,6 +149,9 @@ class RecordedScript(StoredScript):
     def recorded(self, k: int) -> Array:
         """Sample k with bias and trim, (n_channels,); between manoeuvres by the last one's trim."""
         return self.samples["y"][k] + self._offsets[self._last_manoeuvre(k)]
+
+    def far(self, k: int) -> Mapping[str, int]:
+        return self._far[self._last_manoeuvre(k)] if self._far else {}
 
     def judged(self, k: int) -> Array:
         return self.samples["y"][k] + self._unknown[self._last_manoeuvre(k)]

@@ -265,7 +265,7 @@ class TrackFlight(Flight):
             self.exceedances.add(sample.exceeded(script.keys), sample.y, sample.limits)
         assessment, display = self._assessed(k)
         about = self._exceeded(k), due.due, k, script.attitude(k), display
-        self._fly(script.y(k), assessment, *about, recorded=script.recorded(k))
+        self._fly(script.y(k), assessment, *about, recorded=script.recorded(k), far=script.far(k))
         self._doubt(script.doubts(k))
 
     def _pass(self, k: int) -> None:

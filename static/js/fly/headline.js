@@ -5,7 +5,7 @@
  *
  * headlineOf({status, level, beside, exceeded_t, exceeded_as_recorded, verdict}, {stale, alarms, blank}) -> Headline
  *     stale: no samples arrive.   alarms: number of unacknowledged warnings
- *     blank: no sample is shown yet: the headline must not look calm
+ *     blank: no sample is shown yet by this page: the headline must not look calm
  *     headline.call: in force, see ./alarms/flight_markers.js; its word comes first, the condition beside it
  * levelOf(headline)              data-level, of the condition or the call
  * partsOf(headline, cause)       ["▲ ALARM", "STALE · EXCEEDED first at 8.76 s"], without what is empty
@@ -19,7 +19,7 @@
 import { secondsText } from "../lib/clock.js";
 import { shownState, STATE_WORDS, withdrawnWord } from "../lib/states.js";
 
-const WORST_FIRST = ["exceeding", "alarm", "risk", "stale", "invalid", "caution", "paused", "warming_up", "not_assessed", "not_calibrated", "exceeded", "no_alert", "ok"];
+const WORST_FIRST = ["exceeding", "alarm", "risk", "stale", "invalid", "caution", "paused", "no_data", "warming_up", "not_assessed", "not_calibrated", "exceeded", "no_alert", "ok"];
 const NOW = ["exceeding", "risk"]; // need a current sample
 const CALM = ["none", "advisory"];
 const BESIDE = ["stale", "invalid", "paused"]; // always shown
@@ -51,10 +51,9 @@ export function staleText(cause, age) {
 /** Of a call in force: when, and by whom. */
 export const aboutCall = ({ t, by }) => `at ${secondsText(t)}, by ${by}`;
 
-export function resultOf({ verdict, progress, cause, mode, head, call = null, ...headline }) {
+export function resultOf({ verdict, progress, cause, call = null, ...headline }) {
   const { level } = headline;
   const result = (parts, level) => ({ words: parts.join(" · "), parts, level });
-  if (progress === "running" && mode === "live" && head < 0 && CALM.includes(level) && call === null) return result([STATE_WORDS.no_data], "advisory");
   if (!verdict && level === "none" && progress !== "running") return result([progress.toUpperCase()], "off");
   const called = call && { ...call, about: aboutCall(call) };
   if (!verdict || progress === "running") return result(partsOf({ ...headline, verdict, call: called }, cause), levelOf({ level, call }));

@@ -24,7 +24,7 @@ import { createRiskGauge } from "./assessment/risk_gauge.js";
 import { putLines } from "./flight_limits.js";
 import { alertLevel, usedEvents } from "./flight_monitors.js";
 import { LEVEL_OF, resultOf } from "./headline.js";
-import { beginningNote, lossText, sensorOf, trimNotes } from "./source/live_panel.js";
+import { beginningNote, lossText, trimNotes } from "./source/live_panel.js";
 import {
   acknowledgementOf,
   alertText,
@@ -209,7 +209,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
     panels.strips.after(chart.editor, chart.cross);
     chart.setTransport({ playing: false, speed: 1 });
     chart.setLimits(channels, held);
-    chart.push([...frames.slice(0, -1), { ...frames.at(-1), sensor: sensorOf(flight.live?.trims ?? [], channels, frames.at(-1)) }]);
+    chart.push(frames);
     chart.latch(latched);
     chart.setWindow(first, Math.max(last, first + dt) + lead);
     keepWindow(address, chart.timeline);

@@ -200,6 +200,12 @@ def test_a_trim_near_the_limit_is_a_caution_until_it_is_gone(server: LiveServer)
         ("Ny", 0.0),
     ]
     assert trims[1]["t"] == alarm["t"]
+    assert [one["is_far"] for one in trims] == [False, True, False]
+    frames = httpx2.get(f"{flight.flight}/assessments").json()["frames"]
+    far = [frame for frame in frames if "sensor" in frame]
+    assert [far[0]["t"], far[-1]["t"] + DT] == pytest.approx([trims[1]["t"], trims[2]["t"]])
+    sent = [y[round(frame["t"] / DT), NY] for frame in far]
+    assert [frame["sensor"]["Ny"] for frame in far] == pytest.approx(sent, abs=0.05)
     assert ("trim", alarm["t"], alarm["reason"]) in flight.replayed()
     assert flight.trims() == flight.trims_of_replay == trims
 

@@ -105,6 +105,14 @@ def test_a_flight_that_ended_is_a_recording_that_is_scored_and_reported(range_: 
     assert "ABORT, Ann: flutter" in report.text
 
 
+def test_a_flight_without_a_sample_has_no_data_running_and_ended(range_: Range) -> None:
+    flight = range_.start(trim="detected")
+    running = range_.client.get(f"{FLIGHTS}/{flight}").json()
+    assert (running["state"], running["status"]) == ("no_data", "no_data")
+    ended = range_.end(flight)
+    assert (ended["progress"], ended["status"], ended["level"]) == ("ended", "no_data", "advisory")
+
+
 def test_it_is_read_by_the_mapping_that_the_flight_was_started_with(range_: Range) -> None:
     rows = np.array([[samples(k)[key][0] for key in KEYS] for k in range(N)])
     head = HEAD.replace("beta_rad", "AOS_deg").replace("t_s", "clock_s")

@@ -24,7 +24,7 @@ def test_hello_says_what_a_display_needs(exact: Monitor, failing: Array) -> None
     hello = Hello.model_validate(flown.seen.messages[0])
     assert [(c.key, c.limit) for c in hello.channels][3] == ("Ny", 0.5)
     assert (hello.epsilon, hello.n_unsafe, hello.lead, hello.dt) == (EPSILON, 12, 0.25, DT)
-    assert (hello.duration, hello.head, hello.state) == (T[-1], -1, State.WARMING_UP)
+    assert (hello.duration, hello.head, hello.state) == (T[-1], -1, State.NO_DATA)
     assert hello.transport == flown.flight.transport
     assert hello.stale_after == 0.25
     assert stale_after(0.2) == pytest.approx(0.6)

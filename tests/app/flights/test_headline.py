@@ -307,7 +307,7 @@ def test_a_flight_that_was_sought_to_its_exceedance_neither_warned_nor_missed() 
 def test_hello_says_the_headline() -> None:
     flown = Flown(exact_monitor(), np.full((N_SAMPLES, 6), 0.529)).start()
     hello = flown.seen.of("hello")[0]
-    assert (hello["status"], hello["level"], hello["beside"]) == ("warming_up", "advisory", [])
+    assert (hello["status"], hello["level"], hello["beside"]) == ("no_data", "advisory", [])
     assert statuses(flown) == ["exceeding"]
 
 
@@ -324,7 +324,7 @@ def test_a_caution_that_waits_is_no_alarm_of_a_flight_that_is_over(tmp_path: Pat
     assert (record.headline.status, record.verdict) == ("caution", None)
     assert record.headline.exceeded_t is None
     store.alarms.acknowledge(flight, 1, "FTE")
-    assert records(store, [info])[flight].headline.status == "not_assessed"
+    assert records(store, [info])[flight].headline.status == "no_data"
 
 
 @pytest.mark.parametrize(("state", "status"), [(WARMING_UP, "not_assessed"), (0, "not_calibrated")])
@@ -335,7 +335,7 @@ def test_a_flight_that_ended_before_it_was_assessed_is_not_said_to_be_well(
     flight = store.flights.add({"kind": "scripted"}, monitor, EPSILON)
     info = store.flights.end(flight)
     record = records(store, [info])[flight]
-    assert (record.headline.status, record.reason) == ("not_assessed", "no sample came")
+    assert (record.headline.status, record.reason) == ("no_data", "no sample came")
     none = np.full(1, np.nan)
     about = none, none == 0, [state], None, ["too few samples" if state else ""]
     store.flights.append(flight, 0, np.zeros(1), np.zeros((1, 6)), *about)

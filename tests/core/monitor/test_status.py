@@ -28,6 +28,7 @@ WORST_FIRST = (
     "invalid",
     "caution",
     "paused",
+    "no_data",
     "warming_up",
     "not_assessed",
     "not_calibrated",
@@ -48,6 +49,7 @@ def true_of(facts: Facts) -> set[str]:
     said |= {"caution"} if facts.caution else set()
     exceeded = facts.exceeds or facts.exceeded_t is not None
     said |= {"paused"} if facts.paused and not exceeded else set()
+    said |= {"no_data"} if facts.no_data else set()
     said |= {"warming_up"} if facts.warming_up else set()
     said |= {"not_assessed"} if facts.unassessed else set()
     said |= set() if facts.calibrated else {"not_calibrated"}

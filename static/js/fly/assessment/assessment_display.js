@@ -97,8 +97,7 @@ export function createAssessmentDisplay(panels, { hello, api, path, alarm, event
   const levelNow = () => (hello.monitor_set?.case === "" ? NaN : hello.monitors[0].alert_above);
 
   function headlineNow(wall) {
-    const begins = hello.mode === "live" && hello.head < 0;
-    const blank = !sampled && (begins || assessment.state === "ok");
+    const blank = !sampled && assessment.state === "ok";
     return headlineOf(decided, { stale: !linked || timeline.stale(wall), alarms: alarm.open(), blank });
   }
 

@@ -17,13 +17,11 @@
 import { may, needs } from "../../lib/api.js";
 import { secondsText } from "../../lib/clock.js";
 import { errorLine, h, put } from "../../lib/dom.js";
-import { limitsOf, marginOf } from "../../lib/limits.js";
 import { counted, leadSeconds, quantity } from "../../lib/numbers.js";
 import { createItems } from "../status_strip.js";
 
 const BEGIN = "POST /flights/{}/manoeuvre";
 const ACCEPT = "POST /flights/{}/sender";
-const NOTABLE = 0.2; // of a limit, as the server has it
 const LISTED = 3; // intervals of late samples
 const LATE = 0.25; // s of lag that is a caution
 const KINDS = [
@@ -178,17 +176,6 @@ export function trimNotes(trims, channels) {
     const event = { t, text: `values count from trim: ${changes.map(text).join(", ")}${hand}`, seen: true };
     return changes.map((change, k) => ({ event: k === 0 && event, flag: flagOf(change) }));
   });
-}
-
-/** As recorded, the values of a sample {t, y} that the trim in use changes by a notable share of their limit, by key. */
-export function sensorOf(trims, channels, { t, y }) {
-  const values = channels.flatMap((channel, k) => {
-    const trim = trims.findLast((change) => change.channel === channel.key && change.t <= t)?.value ?? 0;
-    const [limits, rest = 0] = [limitsOf(channel), channel.rest];
-    const isNotable = limits !== null && Number.isFinite(y[k] ?? NaN) && marginOf(limits, rest, rest + trim)[1] >= NOTABLE;
-    return isNotable ? [[channel.key, y[k] + trim]] : [];
-  });
-  return Object.fromEntries(values);
 }
 
 export function lossText({ batches, counts, malformed, foreign, resumed, late = [], unread = [] }) {

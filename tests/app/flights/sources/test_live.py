@@ -273,7 +273,7 @@ def test_a_source_that_has_not_begun_is_waited_for(tmp_path: Path) -> None:
     async def fly(live: Live, y: Array) -> None:
         live.advance(0.3)
         assert (live.flight.state, live.flight.reason) == (
-            State.WARMING_UP,
+            State.NO_DATA,
             "no sample yet",
         )
         assert not live.seen.of("state")
