@@ -104,7 +104,8 @@ def assert_kept(
 ) -> None:
     """What was acknowledged is in the journal once, and was scored and recorded to the bit."""
     with running(data_dir, database_url=url) as (_, client):
-        assert client.get(f"{FLIGHTS}/{flight}").json()["progress"] == "running"
+        # the server answers after a time though a long flight may not have resumed yet
+        until(lambda: client.get(f"{FLIGHTS}/{flight}").json()["progress"] == "running")
         assert client.post(f"{FLIGHTS}/{flight}/end").json()["lost"] == 0
         alarms = client.get(f"{FLIGHTS}/{flight}/alarms").json()
     journals = Journals(data_dir / "live")

@@ -1,6 +1,7 @@
 """Live flights on the page: started, waited for, marked, late, not durable, and their record."""
 
 import errno
+import itertools
 import json
 import os
 import re
@@ -17,6 +18,7 @@ from core.channels import KEYS
 from tests.browser.chromium import wait_until
 from tests.browser.conftest import CUT, Relay, Text
 from tests.browser.fly.test_fly_page import EPSILON, SCROLL_SIZE, Fly, site, stored
+from tests.support.patience import until
 
 __all__ = ["site", "stored"]
 DT = 0.05
@@ -141,7 +143,15 @@ def test_a_key_begins_a_manoeuvre_which_is_listed_and_cannot_begin_twice(live: L
     trim = "values count from trim: Ny 0.300 g, begun by hand"
     assert live.event_time(trim) == pytest.approx(5 * DT)
     live.page.keyboard.press("w")
-    expect(live.page.locator(".wall-limit")).to_contain_text(words)
+    sequences = itertools.count(2)
+
+    def stands_on_the_wall() -> bool:
+        """Beside a value that is not stale yet."""
+        k = next(sequences)
+        live.send(k, 5 * k, 5, ny=0.3)
+        return words in live.page.locator(".wall-limit").inner_text()
+
+    until(stands_on_the_wall)
     live.page.keyboard.press("Escape")
     live.end()
     expect(live.event(trim)).to_be_visible()

@@ -545,6 +545,7 @@ def test_a_recording_without_the_condition_is_scored_by_a_set_that_is_given_it(
     expect(verdicts).to_contain_text("Mach number is missing", timeout=SLOW)
     expect(page.get_by_role("link", name="Train a monitor for this manoeuvre")).to_have_count(0)
     page.go_back()
+    expect(form.locator("input[type=checkbox]:checked")).not_to_have_count(0, timeout=SLOW)
     for box in form.locator(".monitor-choice input[type=checkbox]:checked").all():
         box.uncheck()
     form.get_by_label("declared", exact=True).check()
