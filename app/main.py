@@ -298,14 +298,15 @@ def _publish(metrics: Metrics, flights: Flights, data_dir: Path) -> None:
         return max((each for each in ages if each is not None), default=nan)
 
     def n_stale() -> int:
-        return sum(flight.state is State.STALE for flight in flights.under_way())
+        silent = State.STALE, State.NO_DATA
+        return sum(flight.state in silent for flight in flights.under_way())
 
     def n_watchers() -> int:
         return sum(flight.n_watchers for flight in flights.under_way())
 
     for name, text, read in (
         ("flights", "flights in progress", lambda: len(flights.under_way())),
-        ("stale_flights", "flights in progress that are stale", n_stale),
+        ("stale_flights", "flights in progress whose samples are late or missing", n_stale),
         ("watchers", "screens and programs that watch flights", n_watchers),
         (
             "open_warnings",

@@ -102,6 +102,7 @@ def test_a_flight_is_counted_in_the_metrics(tmp_path: Path):
             return float(value)
 
         assert str(metric("sample_age_seconds")) == "nan"
+        assert metric("stale_flights") == 1.0  # its source is silent
         values = {"p": 0.0, "r": 0.0, "beta": 0.0, "delta_a": 0.0, "delta_r": 0.0}
         for k, n_y in enumerate((0.0, 2.0)):
             sample = {"t": 0.05 * k, "Ny": n_y, **values}
@@ -183,3 +184,29 @@ def test_prometheus_reads_with_a_viewers_token_and_counts_a_flight_of_two_addres
                     assert answer(query) == []
                 else:
                     assert until(lambda query=query: answer(query)), query
+
+
+@pytest.mark.services
+def test_the_first_failed_request_of_a_route_is_counted(tmp_path: Path):
+    """The rate of a counter that begins with 1 is 0."""
+    if shutil.which("promtool") is None:
+        pytest.skip("promtool is not installed: it is in the Debian package prometheus")
+    series = 'forewarn_requests_total{job="forewarn",instance="a",route="/x",status="503"}'
+    labels = '{route="/x",status="503"}'
+    file = tmp_path / "test.yml"
+    expected = ((100, []), (400, [1]), (590, [2]), (610, [1]), (950, [0]))
+    query = query_of("Errors").replace("$job", "forewarn")
+    checks = [
+        {
+            "expr": f"round({query})",
+            "eval_time": f"{t}s",
+            "exp_samples": [{"labels": labels, "value": value} for value in values],
+        }
+        for t, values in expected
+    ]
+    given = [{"series": series, "values": "_x60 1x42 2x90"}]
+    test = {"interval": "5s", "input_series": given, "promql_expr_test": checks}
+    file.write_text(json.dumps({"tests": [test]}))  # JSON is YAML
+    call = ["promtool", "test", "rules", str(file)]
+    done = subprocess.run(call, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
