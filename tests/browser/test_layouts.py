@@ -104,6 +104,10 @@ def test_a_link_that_asks_for_unknown_parts_tells_so_and_shows_the_others(
     expect(page.locator(".cross-plot")).to_have_count(1)
     expect(page.get_by_label("Events", exact=True)).to_be_hidden()
     assert violations(page) == []
+    page.reload()
+    expect(unknown).to_have_text(re.compile(r": lift, p\*9, map, mach\."))
+    page.get_by_role("button", name="Remove this cross plot").click()
+    expect(unknown).to_have_text(re.compile(r": lift, p\*9, map\."))
     edit(page).get_by_role("button", name="Desk").click()
     expect(unknown).to_be_hidden()
     opened(page, f"{scoring}&only=map")

@@ -9,7 +9,7 @@
  *   revision: changes with the traces that were drawn; until: place before which cells do not change [units]
  *   picture: changes with all that was drawn left of `until`
  *   ticks {times, step} of the grid [s];   cursor, marks {a, b} [s];   alertAbove
- *   flags [{key | null, t, word, colour}]  moments marked
+ *   flags [{key | null, t, word, colour, cuts}]  moments marked; cuts: the value jumps there, the aircraft does not
  *   parts [Part]  one for each recording laid over;   bands [{x0, x1, kind of BANDS, word}]
  *   now  [s], NaN in a recording;   lead  of forecasts [s]
  *   safe  {t, channels: {key: {low, high}}, starts: [s], word} | null: where simulated safe flights are, see simulated.js
@@ -26,7 +26,7 @@ import { isBeyond } from "../lib/limits.js";
 import { leadSeconds } from "../lib/numbers.js";
 import { BAR, createStripFrame, SPARSE } from "./strip_frame.js";
 import { holdsOf } from "./strips.js";
-import { drawBeyond, drawEnvelope, drawForecast, drawSafeBand, drawTrace, pieceOf, spanOf } from "./trace.js";
+import { breaksAt, drawBeyond, drawEnvelope, drawForecast, drawSafeBand, drawTrace, pieceOf, spanOf } from "./trace.js";
 
 /**
  * fill: hatch or token.   all: on every strip, not only on the risk's; said: its word too.
@@ -107,19 +107,20 @@ export function createStrip(canvas, strip) {
 
   function drawCells(ink, frame, over, piece) {
     const [first] = frame.parts;
+    const breaks = first && breaksAt(first.cells, frame.flags.filter(({ key, cuts }) => cuts && key === strip.key).map(({ t }) => frame.x(t)), frame.pitch);
     if (first && strip.forecast !== null)
-      drawForecast(ink, first.cells, first.cells.series(strip.forecast), frame, piece, frame.errors?.[strip.key]);
-    for (const part of frame.parts) drawPart(ink, part, frame, piece);
+      drawForecast(ink, first.cells, first.cells.series(strip.forecast), { ...frame, breaks }, piece, frame.errors?.[strip.key]);
+    for (const part of frame.parts) drawPart(ink, part, frame, breaks, piece);
     if (!first || !over) return;
     const read = first.cells.series(strip.key);
     for (const held of holdsOf(strip))
       if (held.limits !== null) drawBeyond(ink, first.cells, read, held, piece);
   }
 
-  function drawPart(ink, { cells, colour, dashed = false, quiet, withdrawn = false }, frame, piece) {
+  function drawPart(ink, { cells, colour, dashed = false, quiet, withdrawn = false }, frame, breaks, piece) {
     const { pen } = ink;
     const read = cells.series(strip.key);
-    const trace = (look) => drawTrace(ink, cells, read, { colour, dashed, ...look }, piece);
+    const trace = (look) => drawTrace(ink, cells, read, { colour, dashed, breaks, ...look }, piece);
     if (strip.beside !== null) drawTrace(ink, cells, cells.series(strip.beside), { colour: "forecast", dashed: true }, piece);
     if (strip.risk && withdrawn) {
       drawTrace(ink, cells, cells.series("withdrawn"), { colour: "stale", dashed }, piece);

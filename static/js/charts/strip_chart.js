@@ -58,7 +58,7 @@ export function createStripChart(host, options) {
   const keys = channels.map(({ key }) => key);
   const editor = panels && createLayoutEditor({ arrangement: layout.arrangement, panels, address, keys, presets: presetsOf(strips, panels, usualPairs(channels)) });
   if (editor !== null) layout.rows.before(editor.unknown);
-  const cross = createCrossPanel({ channels, strips, dt: source.dt, scale: options.scale, simulated, address, changed: () => (measured = false) });
+  const cross = createCrossPanel({ channels, strips, dt: source.dt, scale: options.scale, simulated, address, changed: onCross });
   const parts = [...drawn, createTimeAxis(layout.axis), ...extras, cross];
   const sheets = parts.filter(({ canvas }) => canvas);
   const readings = createReadings(strips, layout, source);
@@ -67,6 +67,11 @@ export function createStripChart(host, options) {
   let pitch = 1; // units a column
   let [safe, errors] = [null, null]; // of simulated flights
   let wall = performance.now();
+
+  function onCross() {
+    measured = false;
+    editor?.tell();
+  }
 
   function measure() {
     for (const { canvas, resize } of sheets) {

@@ -4,11 +4,12 @@
  * Traces, exceedances and forecasts are drawn between two places {from, to}: a strip keeps what it drew, and what is
  * drawn piece by piece must be what is drawn at once. So a dash belongs to its time, and a mark to the REACH before it.
  *
- * drawTrace(face, cells, read, {colour, dashed}, piece)     a line, or an area between the extremes; dashed:
- *     every third piece is left out, as a sign besides colour
+ * drawTrace(face, cells, read, {colour, dashed, breaks}, piece)     a line, or an area between the extremes; dashed:
+ *     every third piece is left out, as a sign besides colour.   breaks: cells that no line joins to the one before
+ * breaksAt({n, x, sparse}, places, pitch) -> breaks     the cells that begin at, or hold, these places [units]
  * drawBeyond(face, cells, read, {from, to, limits}, piece)  fills the trace beyond limits where they held,
  *     and marks where exceedances begin, after SPARSE without one
- * drawForecast(face, cells, read, {step, now, lead, x}, piece, error)    what a cell forecasts is drawn
+ * drawForecast(face, cells, read, {step, now, lead, x, breaks}, piece, error)    what a cell forecasts is drawn
  *     `lead` later: dashed, and bold in the future, with the interval of its error {low, high} if given
  * pieceOf({first, pitch}, from, to) -> piece {from, to, origin}     from..to: places [units]
  * spanOf(face, cells, read, after) -> [top, bottom] | null     heights of the cells right of a place
@@ -31,6 +32,7 @@ const HALF = 0.9; // px, half of a trace's thickness
 const DASH = 9; // units of a dash and its space
 const DRAWN = 6;
 const REACH = SPARSE + 8; // units, at most, that a mark depends on before it, or a cell is drawn beyond its place
+const NONE = new Set();
 const out = new Float64Array(2);
 let tops = new Float32Array(0);
 let bottoms = tops;
@@ -54,13 +56,17 @@ function placeOf(n, x, wanted) {
   return low;
 }
 
-export function drawTrace(face, cells, read, { colour, dashed = false }, piece) {
-  face.pen.strokeStyle = face.pen.fillStyle = face.palette[colour];
-  if (cells.sparse) strokeLine(face, cells, read, dashed, piece);
-  else fillArea(face, cells, read, dashed, piece);
+export function breaksAt({ n, x, sparse }, places, pitch) {
+  return new Set(places.map((at) => placeOf(n, x, at - (sparse ? 0.01 : pitch / 2))));
 }
 
-function strokeLine({ pen, y }, cells, read, dashed, piece) {
+export function drawTrace(face, cells, read, { colour, dashed = false, breaks = NONE }, piece) {
+  face.pen.strokeStyle = face.pen.fillStyle = face.palette[colour];
+  if (cells.sparse) strokeLine(face, cells, read, dashed, breaks, piece);
+  else fillArea(face, cells, read, dashed, breaks, piece);
+}
+
+function strokeLine({ pen, y }, cells, read, dashed, breaks, piece) {
   const { x, cut } = cells;
   const [first, end] = cellsIn(cells, piece);
   pen.lineWidth = 2 * HALF;
@@ -69,13 +75,14 @@ function strokeLine({ pen, y }, cells, read, dashed, piece) {
   let before = 0; // height of the cell before
   pen.beginPath();
   for (let i = first; i < end; i++) {
+    drawing &&= !cut[i] && !breaks.has(i);
     if (!read(i, out)) {
       drawing = false;
       continue;
     }
     const [bottom, top] = [y(out[0]), y(out[1])];
-    if (!drawing || cut[i]) pen.moveTo(x[i] - HALF, bottom); // a lone sample is a dot
-    if (dashed && drawing && !cut[i]) dashTo(pen, x[i - 1], before, x[i], bottom, piece.origin);
+    if (!drawing) pen.moveTo(x[i] - HALF, bottom); // a lone sample is a dot
+    if (dashed && drawing) dashTo(pen, x[i - 1], before, x[i], bottom, piece.origin);
     else pen.lineTo(x[i], bottom);
     if (top !== bottom) pen.lineTo(x[i], top);
     before = top;
@@ -97,7 +104,7 @@ function dashTo(pen, x0, y0, x1, y1, origin) {
 }
 
 /** The area between the cells' extremes, half a line wider: four times faster than a stroke. */
-function fillArea({ pen, y }, cells, read, dashed, piece) {
+function fillArea({ pen, y }, cells, read, dashed, breaks, piece) {
   const { n, x, cut } = cells;
   const [first, end] = cellsIn(cells, piece);
   if (tops.length < n) [tops, bottoms] = [new Float32Array(2 * n), new Float32Array(2 * n)];
@@ -105,7 +112,7 @@ function fillArea({ pen, y }, cells, read, dashed, piece) {
   let above = 0; // extremes of the cell before
   let below = 0;
   for (let i = first; i < end; i++) {
-    const known = !(dashed && phaseOf(x[i] + piece.origin) >= DRAWN) && read(i, out);
+    const known = !breaks.has(i) && !(dashed && phaseOf(x[i] + piece.origin) >= DRAWN) && read(i, out);
     if (begin >= 0 && (!known || cut[i])) {
       fillPiece(pen, x, begin, i);
       begin = -1;
@@ -158,7 +165,7 @@ export function drawBeyond(face, cells, read, { from, to, limits }, piece) {
   }
 }
 
-export function drawForecast(face, cells, read, { step, now, lead, x }, piece, error) {
+export function drawForecast(face, cells, read, { step, now, lead, x, breaks }, piece, error) {
   const { pen } = face;
   const shift = lead / step;
   const [first, end] = cellsIn(cells, piece, shift);
@@ -203,7 +210,7 @@ export function drawForecast(face, cells, read, { step, now, lead, x }, piece, e
         continue;
       }
       const middle = face.y((out[0] + out[1]) / 2);
-      if (!drawing || cut[i]) pen.moveTo(at, middle);
+      if (!drawing || cut[i] || breaks.has(i)) pen.moveTo(at, middle);
       else if (dashed) dashTo(pen, places[i - 1] + shift, before, at, middle, piece.origin);
       else pen.lineTo(at, middle);
       before = middle;

@@ -362,6 +362,24 @@ def test_an_exceedance_as_recorded_alone_is_marked_in_its_strip(strips: Open) ->
     assert run(page, f"{flag} {red}") > 100
 
 
+@pytest.mark.parametrize("rate", [20, 200], ids=["line", "area"])
+def test_a_change_of_trim_is_drawn_as_no_motion(strips: Open, rate: int) -> None:
+    def drawn(cuts: str) -> int:
+        """Pixels of the trace and of a flag in its colour."""
+        flag = f"{{ key: 'p', t: 10, word: '', thin: true, colour: 'trace', cuts: {cuts} }}"
+        return run(
+            strips(f"seconds=20&dt={1 / rate}"),
+            f"""const y = (t) => [0, t < 10 ? 0.3 : 0, 0, 0, 0, 0];
+            const at = (k) => ({{ ...h.frame(k / {rate}), y: y(k / {rate}), y_hat: null }});
+            h.chart.push(Array.from({{ length: {18 * rate} }}, (_, k) => at(k)), 1000);
+            h.chart.flag({flag});
+            h.draw(1000);
+            return h.pixels('p', 'trace')[0]""",
+        )
+
+    assert drawn("true") < drawn("false") - 2
+
+
 def test_alerts_are_hatched_on_the_risk_strip_and_named(strips: Open) -> None:
     page = strips()
     calm = run(page, "h.feed(0, 1, 1000); h.draw(1000); return h.pixels('risk', 'alert', 90)[0]")

@@ -1,7 +1,7 @@
 /**
  * Where the user arranges a view: strips, panels, presets, layouts by name and as files.
  *
- * createLayoutEditor({arrangement, panels, address, keys, presets}) -> {element, unknown, toggle()}
+ * createLayoutEditor({arrangement, panels, address, keys, presets}) -> {element, unknown, toggle(), tell()}     tell: the address changed
  *     arrangement: of the strips, see arrangement.js.   panels: of those beside them.   keys: of the channels
  *     presets: {word: layout}, see layouts.js.   unknown: element for what the link asks for and this view does not have, and for hidden strips
  */
@@ -33,7 +33,7 @@ export function createLayoutEditor({ arrangement, panels, address, keys, presets
   let opener = null;
   for (const each of [arrangement, panels]) each.subscribe(tell);
   tell();
-  return { element, unknown, toggle };
+  return { element, unknown, toggle, tell };
 
   function tell() {
     const alone = [address.get(ONLY)].filter((name) => name !== null && !Object.hasOwn(namesAlone(panels), name));

@@ -57,7 +57,7 @@ export function layoutFile(keys, name, layout) {
 }
 
 export function unknownParts({ strips = "", panels = "", cross = "" }, known) {
-  const crossed = crossedIn(cross).flatMap(({ pair, unknown }) => pair?.filter((key) => !known.channels.includes(key)) ?? [unknown]);
+  const crossed = crossedIn(cross).flatMap(({ pair, word }) => pair?.filter((key) => !known.channels.includes(key)) ?? [word]);
   return [...new Set([...unknownItems(strips, known.strips), ...unknownItems(panels, known.panels), ...crossed])];
 }
 

@@ -5,7 +5,7 @@
  *     strips: of the chart, whose limits are drawn.   scale: of the axes, as for stripOf of ../strips.js   simulated: of ../simulated.js, or null
  *     address: keeps the choice, see ../../lib/address.js.   changed(): plots were added, removed or exchanged
  * usualPairs(channels) -> [[across, up]]     those of the field among these channels
- * crossedIn(text) -> [{pair: [across, up], isLarge} | {unknown: text}]     of the address: "delta_r:beta*2,beta:Ny"
+ * crossedIn(text) -> [{word, pair: [across, up], isLarge}]     pair: undefined for a word that cannot be read; of the address: "delta_r:beta*2,beta:Ny"
  *   element, add()
  *   roomy      whether an axis will narrow
  *   measure(), setPalette(palette), draw(frame)     as a part of ../strip_chart.js
@@ -37,7 +37,7 @@ export function usualPairs(channels) {
 export function crossedIn(text) {
   return text.split(",").filter((word) => word !== "").map((word) => {
     const [, across, up, large] = /^([^:*]+):([^:*]+)(\*2)?$/.exec(word) ?? [];
-    return up === undefined ? { unknown: word } : { pair: [across, up], isLarge: large !== undefined };
+    return { word, pair: up === undefined ? undefined : [across, up], isLarge: large !== undefined };
   });
 }
 
@@ -48,6 +48,7 @@ export function createCrossPanel({ channels, strips, dt, scale = {}, simulated, 
   const element = h("section.cross-panel", { "aria-label": "Cross plots" }, bar, held);
   const known = new Set(channels.map(({ key }) => key));
   let seconds = TRAILS.find((each) => String(each) === address.get(TRAIL)) ?? USUAL_TRAIL;
+  let strange = []; // what the link asks for and this view does not have: it stays in the address until the user changes the plots
   let plots = plotsOf(address.get(CROSS));
   address.follow(CROSS, (text) => {
     plots = plotsOf(text);
@@ -57,13 +58,16 @@ export function createCrossPanel({ channels, strips, dt, scale = {}, simulated, 
   show();
 
   function plotsOf(text) {
-    const those = crossedIn(text ?? "").filter(({ pair }) => pair?.every((key) => known.has(key)));
+    const isKnown = ({ pair }) => pair?.every((key) => known.has(key));
+    const asked = crossedIn(text ?? "");
+    strange = asked.filter((each) => !isKnown(each)).map(({ word }) => word);
+    const those = asked.filter(isKnown);
     return those.slice(0, MOST).map(({ pair, isLarge }) => plotOf(pair, isLarge));
   }
 
   function add() {
     if (plots.length < MOST) plots.push(plotOf(nextPair()));
-    show();
+    keep();
   }
 
   /** The usual ones first, then a limited channel against each other one. */
@@ -120,26 +124,26 @@ export function createCrossPanel({ channels, strips, dt, scale = {}, simulated, 
   function exchange(plot, side, key) {
     const pair = plot.pair.with(side, key);
     plots = plots.map((each) => (each === plot ? plotOf(pair, plot.isLarge) : each));
-    show();
+    keep();
   }
 
   function move(plot) {
     const at = plots.indexOf(plot);
     plots.splice(Math.max(0, at - 1), 0, ...plots.splice(at, 1));
     const focused = document.activeElement;
-    show();
+    keep();
     if (focused instanceof HTMLElement) focused.focus();
   }
 
   function magnify(plot, button) {
     plot.isLarge = !plot.isLarge;
     plot.element.dataset.large = button.ariaPressed = String(plot.isLarge);
-    show();
+    keep();
   }
 
   function remove(plot) {
     plots = plots.filter((each) => each !== plot);
-    show();
+    keep();
   }
 
   function setTrail(wanted) {
@@ -147,9 +151,15 @@ export function createCrossPanel({ channels, strips, dt, scale = {}, simulated, 
     show();
   }
 
+  function keep() {
+    strange = [];
+    show();
+  }
+
   function show() {
     trailSelect.value = String(seconds);
-    address.set(CROSS, plots.map(({ pair, isLarge }) => `${pair.join(":")}${isLarge ? "*2" : ""}`).join(",") || null);
+    const words = plots.map(({ pair, isLarge }) => `${pair.join(":")}${isLarge ? "*2" : ""}`);
+    address.set(CROSS, [...words, ...strange].join(",") || null);
     address.set(TRAIL, seconds === USUAL_TRAIL ? null : String(seconds));
     if (plots.length !== held.childElementCount || plots.some(({ element: each }, k) => held.children[k] !== each)) held.replaceChildren(...plots.map((plot) => plot.element));
     element.hidden = plots.length === 0;

@@ -170,7 +170,7 @@ export function beginningNote({ number, t }) {
 export function trimNotes(trims, channels) {
   const channelOf = ({ channel: key }) => channels.find((channel) => channel.key === key);
   const text = (change) => `${channelOf(change).symbol} ${change.value === null ? "as recorded" : quantity(channelOf(change), change.value)}`;
-  const flagOf = ({ t, channel: key }) => ({ key, t, word: "trim", colour: "text", thin: true });
+  const flagOf = ({ t, channel: key }) => ({ key, t, word: "trim", colour: "text", thin: true, cuts: true });
   return [...Map.groupBy(trims, ({ t }) => t)].flatMap(([t, changes]) => {
     const hand = changes.some(({ by_hand: byHand }) => byHand) ? ", begun by hand" : "";
     const event = { t, text: `values count from trim: ${changes.map(text).join(", ")}${hand}`, seen: true };
