@@ -63,7 +63,7 @@ def decode_batch(content: bytes | str) -> Batch:
         reason = f"not JSON ({error})" if content.strip() else "empty"
         raise TelemetryError(
             f"the batch is {reason}: send an object such as "
-            '{"sequence": 1, "t": 0.02, "beta": 0.01, ...}, with null for unknown values'
+            '{"sequence": 1, "t": 0.02, "beta": 0.01, ...}, with null, not NaN, for unknown values'
         ) from None
     if not isinstance(plain, dict):
         raise TelemetryError(

@@ -55,8 +55,9 @@ SHOWN = (
 )
 """Of the stream's messages, in the state."""
 STALE = {"state": "stale", "status": "stale", "level": "caution"}
-GONE = "the bridge between Forewarn and the broker is gone"
+GONE = "the command `forewarn mqtt` is gone"
 WITHOUT_RETAINED = SubscribeOptions(1, retainHandling=SubscribeOptions.RETAIN_DO_NOT_SEND)
+UNSPECIFIED = 0x80
 TAKEN_OVER = ReasonCode(PacketTypes.DISCONNECT, "Session taken over")
 
 
@@ -178,13 +179,13 @@ class MqttBridge:
         self._names: list[str] = []
         self._loop: asyncio.AbstractEventLoop
         self._online: asyncio.Event
-        self._failed: asyncio.Future[str]
+        self._ended: asyncio.Future[str]
         self._mqtt = self._paho()
 
     async def run(self) -> str:
         """Connect the flight that the client has joined. Returns why it is over. OSError."""
         self._loop, self._online = asyncio.get_running_loop(), asyncio.Event()
-        self._failed = self._loop.create_future()
+        self._ended = self._loop.create_future()
         status = await asyncio.to_thread(self.client.flight_status, self.client.flight)
         self._is_live = status["source"]["kind"] == "live"
         self._about = {"flight": status["id"], "name": status["name"]}
@@ -203,8 +204,8 @@ class MqttBridge:
     async def _until_over(self) -> str:
         watching = asyncio.create_task(self._watch())
         try:
-            await asyncio.wait((watching, self._failed), return_when=asyncio.FIRST_COMPLETED)
-            return self._failed.result() if self._failed.done() else watching.result()
+            await asyncio.wait((watching, self._ended), return_when=asyncio.FIRST_COMPLETED)
+            return self._ended.result() if self._ended.done() else watching.result()
         except PushFailed:  # also where a person has ended the flight
             if over := await asyncio.to_thread(self._why_over):
                 return over
@@ -259,6 +260,8 @@ class MqttBridge:
         if refusal := self.broker.refuses_topics(self.topic, reasons):
             self._fail(refusal)
             return
+        if self._answered.is_set():
+            self._say(f"connected with {self.broker} again")
         self._answered.set()
         self._loop.call_soon_threadsafe(self._online.set)
 
@@ -269,7 +272,8 @@ class MqttBridge:
         if reason == TAKEN_OVER:
             self._yield()
         elif self._answered.is_set() and not self._is_leaving:
-            self._say(f"the connection to {self.broker} broke ({reason}): connecting again")
+            why = "" if reason.value == UNSPECIFIED else f" ({reason})"
+            self._say(f"the connection with {self.broker} broke{why}: connecting again")
 
     def _on_publish(self, _: Any, __: Any, ___: Any, reason: ReasonCode, ____: Any) -> None:
         if reason.is_failure:
@@ -287,18 +291,24 @@ class MqttBridge:
     def _yield(self) -> None:
         """Leave the topics to another bridge."""
         self._is_leaving = True
-        self._fail(f"another bridge has taken the place of this one on {self.topic}")
+        self._answered.set()
+        text = f"another `forewarn mqtt` has taken over {self.topic}"
+        self._loop.call_soon_threadsafe(self._end, text)
 
     def _fail(self, reason: str) -> None:
         """End the bridge, in any thread."""
         if not self._answered.is_set():
             self._refusal = reason
             self._answered.set()
-        self._loop.call_soon_threadsafe(self._set_failed, ConnectionError(reason))
+        self._loop.call_soon_threadsafe(self._end, ConnectionError(reason))
 
-    def _set_failed(self, error: OSError) -> None:
-        if not self._failed.done():
-            self._failed.set_exception(error)
+    def _end(self, why: str | OSError) -> None:
+        if self._ended.done():
+            return
+        if isinstance(why, str):
+            self._ended.set_result(why)
+        else:
+            self._ended.set_exception(why)
 
     def _publish(
         self, name: str, content: Any, *, retain: bool = False, expires: int | None = None
@@ -330,7 +340,7 @@ class MqttBridge:
                 self._n_unreadable += 1
                 self._unacknowledged.add(-self._n_unreadable, mid, text)
             except PushFailed as error:  # never acknowledged: a later bridge gets it
-                self._loop.call_soon_threadsafe(self._set_failed, error)
+                self._loop.call_soon_threadsafe(self._end, error)
                 return
         self._on_settled(-self._n_unreadable, refusal)
 

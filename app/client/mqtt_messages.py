@@ -13,15 +13,18 @@ def read_batch(text: bytes) -> dict[str, Any]:
 
     A `sequence` is left out: it is the source's own.
     """
-    needed = 'send {"t": 0.02, "beta": 0.01, ...}, a list of values under each name, or a list of '
+    needed = (
+        'send {"t": 0.02, "beta": 0.01, "p": null, ...}, with null, not NaN, for unknown values; a '
+        "list of values under each name; or a list of such objects"
+    )
     try:
         plain = msgspec.json.decode(text)
     except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
-        raise ValueError(f"the message is not JSON ({error}): {needed}such objects") from None
+        raise ValueError(f"the message is not JSON ({error}): {needed}") from None
     if isinstance(plain, list) and plain and all(isinstance(sample, dict) for sample in plain):
         plain = columns_of(plain)
     if not isinstance(plain, dict):
-        raise ValueError(f"the message is not a JSON object: {needed}such objects")
+        raise ValueError(f"the message is not a JSON object: {needed}")
     plain.pop("sequence", None)
     return plain
 

@@ -57,7 +57,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Connect until the flight has ended. Returns 0 then."""
+    """Connect until the flight has ended or another command takes it over. Returns 0 then."""
     broker, topic = broker_of(options), topic_of(options.prefix, options.source)
     from app.client.mqtt_bridge import MqttBridge, try_broker  # slow to import, not needed for help
 

@@ -148,6 +148,16 @@ def install_problems(app: FastAPI, answers: ErrorAnswers) -> None:
     app.add_exception_handler(Exception, _internal)
 
 
+def content_type(request: Request) -> str:
+    """Media type of the body, without parameters; empty where none is given."""
+    return request.headers.get("content-type", "").partition(";")[0].strip().lower()
+
+
+def wrong_type(request: Request) -> Problem:
+    kind = content_type(request) or "none"
+    return Problem(415, f"the body has content type {kind}: send application/json")
+
+
 async def _problem(request: Request, error: Exception) -> Response:
     assert isinstance(error, Problem)
     return problem_response(error)
@@ -180,6 +190,8 @@ def _allowed(request: Request) -> list[str]:
 
 async def _validation(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
+    if isinstance(error.body, bytes):  # not read as JSON
+        return problem_response(wrong_type(request))
     inputs = {
         "body": error.body,
         "query": dict(request.query_params),

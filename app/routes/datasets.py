@@ -14,7 +14,7 @@ from starlette.requests import ClientDisconnect
 
 from app.access.guard import too_large
 from app.catalog import amplitude_request_schema, dataset_request_schema
-from app.http.problems import Problem, problem_responses
+from app.http.problems import Problem, content_type, problem_responses
 from app.jobs.jobs import Jobs
 from app.jobs.kinds import add_rollouts
 from app.jobs.kinds import simulate_dataset as run
@@ -30,7 +30,6 @@ from app.routes.dependencies import (
     SettingsDep,
     StoreDep,
     body_of,
-    content_type,
     declared_length,
     file_of,
     json_response,

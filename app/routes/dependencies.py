@@ -16,7 +16,7 @@ from app.campaigns.point import CampaignError
 from app.flights.flights import Flights, TooManyFlights
 from app.flights.sources.live import SequenceConflict
 from app.flights.transport import NotPossible, TransportError
-from app.http.problems import ErrorAnswers, Problem
+from app.http.problems import ErrorAnswers, Problem, content_type, wrong_type
 from app.jobs.jobs import Jobs, NotRunning, QueueFull
 from app.recordings.archives import ArchiveError
 from app.recordings.recordings import Recordings
@@ -236,16 +236,10 @@ def refused(status: int, kind: str, *errors: type[Exception]) -> Iterator[None]:
 
 async def plain_body(request: Request) -> dict[str, Any]:
     """The body as a JSON object, parsed in a thread; 422 for anything else."""
-    kind = content_type(request)
-    if kind != "application/json":
-        raise Problem(415, f"the body has content type {kind or 'none'}: send application/json")
+    if content_type(request) != "application/json":
+        raise wrong_type(request)
     body = await request.body()
     return await asyncio.to_thread(parse_object, body)
-
-
-def content_type(request: Request) -> str:
-    """Media type of the body, without parameters; empty where none is given."""
-    return request.headers.get("content-type", "").partition(";")[0].strip().lower()
 
 
 def parse_object(body: bytes) -> dict[str, Any]:
@@ -253,7 +247,12 @@ def parse_object(body: bytes) -> dict[str, Any]:
     try:
         plain = json_codec.decode(body)
     except json_codec.NotJson as error:
-        raise Problem(422, f"the body is not JSON: {error}", "urn:forewarn:request") from None
+        raise Problem(
+            422,
+            f"the body is not JSON ({error}): send a JSON object, with null, not NaN, for unknown "
+            "numbers",
+            "urn:forewarn:request",
+        ) from None
     if not isinstance(plain, dict):
         raise Problem(
             422,

@@ -16,7 +16,7 @@ from app.catalog import (
     combination_request_schema,
     monitor_request_schema,
 )
-from app.http.problems import Problem, problem_responses
+from app.http.problems import Problem, content_type, problem_responses
 from app.jobs import kinds
 from app.jobs.requests import choice_request, combination_request, monitor_request
 from app.recipes.recipes import limits_named, to_plain
@@ -31,7 +31,6 @@ from app.routes.dependencies import (
     SettingsDep,
     StoreDep,
     body_of,
-    content_type,
     file_of,
     json_response,
     plain_body,

@@ -6,9 +6,8 @@ from typing import Any
 
 from fastapi import Request
 
-from app.http.problems import Problem
+from app.http.problems import Problem, content_type
 from app.recordings.upload import SentField
-from app.routes.dependencies import content_type
 
 FORM, OCTETS = "multipart/form-data", "application/octet-stream"
 BOUNDARY = re.compile(r'boundary=(?:"([^"]{1,70})"|([^\s;"]{1,70}))', re.IGNORECASE)

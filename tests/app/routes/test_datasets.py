@@ -129,7 +129,13 @@ def test_an_invalid_recipe_is_refused_with_the_valid_values(client, recipe, word
 )
 def test_a_body_must_be_an_object(client, body, kind, status):
     answer = client.post("/api/v1/datasets", content=body, headers={"content-type": kind})
-    assert problem(answer, status)
+    text = problem(answer, status)
+    assert ("null, not NaN" in text) == (body in (b"{", b'{"dt": NaN}'))
+
+
+def test_a_form_in_place_of_json_is_named_by_its_type(client):
+    text = problem(client.post("/api/v1/flights", data={"a": "b"}), 415)
+    assert "application/x-www-form-urlencoded" in text
 
 
 def test_arrays_are_returned_as_stored(client, stored, dataset):
