@@ -3,6 +3,7 @@
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from typing import Any
 
 import numpy as np
@@ -278,10 +279,16 @@ def _assessed(
     """Samples and manoeuvres at one miss rate and its alert threshold; None for each monitor's."""
     levels = [level or level_of(each.assessed.monitor, None) for each in judged]
     samples = _samples(flight, judged, [above for _, above in levels])
-    return samples, tuple(
-        _verdict(each.assessed.flight, each, samples, *of_each, calls)
-        for each, of_each in zip(judged, levels, strict=True)
-    )
+    verdicts, earlier = list[ScoredManoeuvre](), list[tuple[float, float]]()
+    for number, (each, of_each) in enumerate(zip(judged, levels, strict=True)):
+        if not each.segment.part:
+            earlier = []
+        further = takewhile(lambda later: later.segment.part, judged[number + 1 :])
+        goes_on = any(later.limited.exceedance for later in further)
+        about = each.assessed.flight, each, samples, *of_each, calls, earlier, goes_on
+        verdicts.append(_verdict(*about))
+        earlier += verdicts[-1].alerts
+    return samples, tuple(verdicts)
 
 
 def _samples(
@@ -367,7 +374,10 @@ def _verdict(
     epsilon: float,
     alert_above: float,
     calls: Sequence[float],
+    earlier: Sequence[tuple[float, float]],
+    goes_on: bool,
 ) -> ScoredManoeuvre:
+    """earlier: alerts in the parts of the manoeuvre before.   goes_on: a later part exceeds."""
     first, last = flight.place[[judged.first, judged.stop - 1]].tolist()
     part = samples[first : last + 1]
     known = np.isfinite(part["p_value"])
@@ -376,12 +386,13 @@ def _verdict(
     alerts = alert_times(part["t"], part["alert"])
     limited, promised = judged.limited, flight.monitor.lead
     withdrawal, own, onset = judged.withdrawal, judged.own, judged.segment.onset
-    is_cut = bool(judged.segment.ends_early)
-    result, lead = outcome(alerts, limited.exceedance, promised, is_cut=is_cut, calls=calls)
+    is_cut = goes_on or bool(judged.segment.ends_early)
+    warned = alerts if limited.exceedance is None else (*earlier, *alerts)
+    result, lead = outcome(warned, limited.exceedance, promised, is_cut=is_cut, calls=calls)
     limits_known = flight.planned.limits_known or bool(judged.in_force)
     if not limits_known:
         result, lead = "unknown", None
-    elif not alerts and (withdrawal is not None or _was_silent(judged)):
+    elif not warned and (withdrawal is not None or _was_silent(judged)):
         result, lead = "invalid", None
     elif limited.exceedance is None and own is not None and own.exceedance is not None:
         result, lead = "invalid", None  # the alert was about limits no longer in force
@@ -395,7 +406,7 @@ def _verdict(
     elif limited.exceedance is None:
         why = why_outcome_unknown(limited, judged.assessments, alerts, flight.monitor.dt)
     elif withdrawal is None and not _was_silent(judged):
-        about = limited, limited.exceedance, judged.assessments, alerts, promised
+        about = limited, limited.exceedance, judged.assessments, warned, promised
         why = why_warning_unknown(*about, flight.monitor.dt)
     if why:
         result, lead = "unseen", None
@@ -408,7 +419,7 @@ def _verdict(
         last=last,
         trim=tuple(None if np.isnan(value) else float(value) for value in judged.assessed.trim),
         validity=judged.validity,
-        outcome="invalid" if peak is None else result,
+        outcome="invalid" if peak is None and lead is None else result,
         guarantee=guarantee(flight.monitor, judged.validity, epsilon, flight.use),
         peak_risk=None if peak is None else float(part["p_value"][peak]),
         peak_t=float(part["t"][peak]) if rises else None,

@@ -114,7 +114,8 @@ class Segment(NamedTuple):
     since: first sample of which the monitor knows, in a monitor set.   joins: why it says nothing
     of the rest of a manoeuvre; None unless it comes into use after the beginning of one.
     ends_early: why its samples end within the manoeuvre; empty if they do not.
-    unused: why no monitor of a set is in use; empty if one is.
+    unused: why no monitor of a set is in use; empty if one is.   part: number of its part of a
+    manoeuvre, from 0.
     """
 
     name: str
@@ -128,6 +129,7 @@ class Segment(NamedTuple):
     joins: str | None = None
     ends_early: str = ""
     unused: str = ""
+    part: int = 0
 
     def trim_of(self, y: Array, dictionary: Dictionary = LATERAL) -> Array:
         """(n_channels,) trim, NaN where unknown, 0 where none is subtracted.
@@ -285,6 +287,7 @@ def by_monitor(
     for segment in selected:
         trim = segment.trim_of(y, flight.monitor.dictionary)
         begin = segment.first if segment.onset is None else segment.onset
+        n_before = len(parts)
         for first, stop in pairwise(edges):
             ruling = timeline.rulings[index[first]]
             start, last = max(begin, first), min(segment.last, stop - 1)
@@ -296,7 +299,7 @@ def by_monitor(
                 unused.append(f"{segment.name}, {times}: {why}.")
                 begins = segment.first if start == begin else start
                 part = Segment(name, begins, last, None, None, trim, unused=why)
-                parts.append((members[0], part))
+                parts.append((members[0], part._replace(part=len(parts) - n_before)))
                 continue
             part = segment._replace(last=last, trim=trim, since=first)
             if start > begin:
@@ -309,7 +312,8 @@ def by_monitor(
                 what = f"{ruling.case} holds until {t[last]:.2f} s,"
                 part = part._replace(ends_early=_cut(what, segment, last, flight.planned))
             name = f"{segment.name}, {ruling.case}"
-            parts.append((members[ruling.used], part._replace(name=name)))
+            part = part._replace(name=name, part=len(parts) - n_before)
+            parts.append((members[ruling.used], part))
     if all(part.unused for _, part in parts):
         needed = " and ".join(in_use.monitors.needed)
         unused.append(f"Declare {needed} as a condition, or map a signal to it.")
