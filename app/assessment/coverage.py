@@ -14,7 +14,7 @@ from app.assessment.outcome import Alerts, Hole, Limited, RecordedExceedance, lo
 from core.limits.exceedance import NOT_PLAUSIBLE, SAME_TIME
 from core.monitor import Assessments
 from core.monitor.assessment import STATES, State
-from core.types import Array, Flags
+from core.types import Array, Flags, Indices
 
 MOST_LOST = 2
 """Monitor samples that may be missing in a row, not counting the warm-up after them."""
@@ -35,15 +35,18 @@ class Lost(NamedTuple):
     missing: Flags
 
 
-def lost_samples(assessments: Assessments, dt: float) -> Lost:
-    """Which samples of a manoeuvre were not assessed, or not received. dt: of the monitor [s]."""
-    begun = assessments.state != WARMING_UP
+def lost_samples(t: Array, state: Indices, dt: float) -> Lost:
+    """Which samples of a manoeuvre were not assessed, or not received.
+
+    t: (n,) [s].   state: (n,) indices into STATES.   dt: of the monitor [s].
+    """
+    begun = state != WARMING_UP
     first = int(begun.argmax()) if begun.any() else len(begun)
-    lost = (assessments.state != OK) & (np.arange(len(begun)) >= first)
-    row = np.repeat(np.arange(len(begun)), 1 + missing_after(assessments.t, dt))
+    lost = (state != OK) & (np.arange(len(begun)) >= first)
+    row = np.repeat(np.arange(len(begun)), 1 + missing_after(t, dt))
     since = np.arange(len(row)) - np.searchsorted(row, row)
     return Lost(
-        assessments.t[row] + since * dt,
+        t[row] + since * dt,
         lost[row] | (since > 0),
         (lost & begun)[row] | (since > 0),
     )
@@ -65,11 +68,12 @@ def why_exceedance_unknown(holes: Sequence[Hole], length: float, dt: float) -> s
 
 
 def why_outcome_unknown(
-    limited: Limited, assessments: Assessments, alerts: Alerts, dt: float
+    limited: Limited, assessments: Assessments, alerts: Alerts | None, dt: float
 ) -> str:
     """Why "no exceedance" or "no alert" is uncertain, because data are missing; "" if certain.
 
-    limited: of a manoeuvre without a recorded exceedance.   dt: of the monitor [s].
+    limited: of a manoeuvre without a recorded exceedance.   alerts: None where no sample was
+    assessed.   dt: of the monitor [s].
     """
     if limited.implausible is not None:
         channel, at = limited.implausible
@@ -77,16 +81,23 @@ def why_outcome_unknown(
     length = float(assessments.t[-1] - assessments.t[0])
     if why := why_exceedance_unknown(limited.holes, length, dt):
         return f"data missing: {why}"
-    t, lost, absent = lost_samples(assessments, dt)
+    why = "" if alerts != () else why_alert_unknown(assessments.t, assessments.state, dt)
+    return f"data missing: {why}" if why else ""
+
+
+def why_alert_unknown(t: Array, state: Indices, dt: float) -> str:
+    """Why "no alert" in a manoeuvre is uncertain, because data are missing; "" if certain.
+
+    See lost_samples.
+    """
+    t, lost, absent = lost_samples(t, state, dt)
     missing = _longest_run(absent)
-    is_much = missing[1] - missing[0] > MOST_LOST or lost.sum() > MOST_SHARE * len(lost)
-    if alerts or not is_much:
+    if missing[1] - missing[0] <= MOST_LOST and lost.sum() <= MOST_SHARE * len(lost):
         return ""
     begin, end = _longest_run(lost)
     return (
-        f"data missing: no sample assessed from {t[begin]:.2f} to "
-        f"{t[end - 1]:.2f} s, {lost.sum()} of {len(lost)} in total; there may have "
-        "been an alert"
+        f"no sample assessed from {t[begin]:.2f} to {t[end - 1]:.2f} s, {lost.sum()} of "
+        f"{len(lost)} in total; there may have been an alert"
     )
 
 
@@ -123,7 +134,7 @@ def why_warning_unknown(
     last = exceedance.t - promised + SAME_TIME
     if alert is not None and alert <= last:
         return ""
-    t, lost, _ = lost_samples(assessments, dt)
+    t, lost, _ = lost_samples(assessments.t, assessments.state, dt)
     chance = (t >= last - promised - 2 * SAME_TIME) & (t <= last)
     if not chance.any() or not lost[chance].all():
         return ""

@@ -29,6 +29,7 @@ Outcome = Literal[
     "unseen",
     "invalid",
     "unknown",
+    "unassessed",
 ]
 Alerts = tuple[tuple[float, float], ...]
 OutcomeLevel = Literal["ok", "caution", "alert", "off"]
@@ -64,9 +65,13 @@ OUTCOMES: dict[Outcome, Wording] = {
     "unknown": Wording(
         "◆", "UNKNOWN", "caution", "unknown: the monitor does not record its limits"
     ),
+    "unassessed": Wording("◇", "NOT ASSESSED", "off", "not assessed: no manoeuvre was flown"),
 }
 EXCEEDED = "LIMIT EXCEEDED"
-WITHOUT_VERDICT: tuple[Outcome, ...] = ("cut", "aborted", "unseen", "invalid", "unknown")
+OUTSIDE = f"{EXCEEDED} outside every manoeuvre, where nothing was assessed"
+WITHOUT_VERDICT: tuple[Outcome, ...] = (
+    *("cut", "aborted", "unseen", "invalid", "unknown", "unassessed"),
+)
 UNWARNED: tuple[Outcome, ...] = ("invalid", "unseen")
 """Exceedances that are neither missed nor warned: the monitor was withdrawn or had no data."""
 
@@ -363,6 +368,8 @@ def warning_words(outcome: Outcome, lead: float | None, promised: float | None =
 
 def exceedance_verdict(outcome: Outcome, lead: float | None, promised: float | None = None) -> str:
     """The verdict on an exceedance from trim, worded alike in every view. See warning_words."""
+    if outcome == "unassessed":
+        return OUTSIDE
     return f"{EXCEEDED}, {warning_words(outcome, lead, promised)}"
 
 

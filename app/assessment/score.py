@@ -13,6 +13,7 @@ from app.assessment.coverage import why_outcome_unknown, why_warning_unknown
 from app.assessment.limits_history import LimitsHistory, SetHistory
 from app.assessment.outcome import (
     MOST_OUTSIDE,
+    OUTCOMES,
     Limited,
     RecordedExceedance,
     against_limits,
@@ -106,7 +107,8 @@ def score_at_each(
     if recorded.flown is not None and recorded.flown.is_trimmed and usual:
         recipe = replace(recipe, trim=None, manoeuvres="entire")  # as in the flight
     followed = flight.manoeuvres if recipe.manoeuvres == "detected" else ()
-    whole, notes = segments(flight.recording, flight.planned, recipe, followed)
+    about = flight.recording, flight.planned, recipe, followed
+    whole, notes = segments(*about, is_flight=recorded.flown is not None)
     selected = [until_end(segment, flight.recording, flight.planned) for segment in whole]
     members = [_with_use(flight.by(member), digest) for member in flight.members]
     parts = [(flight, segment) for segment in selected]
@@ -221,7 +223,7 @@ def _judge(flight: RecordedFlight, segment: Segment) -> JudgedSegment:
         unknown = np.full((1, streamed.shape[1]), np.nan)
         t_read = np.append(t_read[0] - monitor.dt, t_read)
         y_read, streamed = np.append(unknown, y_read, 0), np.append(unknown, streamed, 0)
-    if segment.unused:
+    if segment.unused or segment.is_rest:
         y_read = np.full_like(y_read, np.nan)
     n_history = len(t_read) - (stop - begin)
     whole = monitor.assess(t_read, y_read, withdraw=False)
@@ -249,7 +251,9 @@ def _judge(flight: RecordedFlight, segment: Segment) -> JudgedSegment:
         verdict = under_limits(verdict, in_force)
         own = against_limits(*arguments) if silent.any() else None
         withdrawal = final_withdrawal(silent, withdrawal, in_force)
-    if segment.ends_early and limited.exceedance is None:
+    if segment.is_rest:
+        verdict, withdrawal = Validity(None, reasons=(OUTCOMES["unassessed"].text,)), None
+    elif segment.ends_early and limited.exceedance is None:
         verdict = ended_early(verdict, segment.ends_early)
     inputs = monitor.flown_input(y, monitor.last_counted(y), flight.planned.amplitudes)
     about = limited, verdict, withdrawal, inputs, silent, in_force, own
@@ -317,6 +321,8 @@ def _fill(
     alert_above: float,
 ) -> None:
     """Fill in the assessments of a segment, valid and withdrawn ones, and its rest."""
+    if judged.segment.is_rest:
+        return
     begin, end = max(rows.start, judged.first), min(rows.stop, judged.stop)
     target = _shifted(begin, end, rows.start)
     fields["manoeuvre"][target] = number
@@ -396,6 +402,10 @@ def _verdict(
         result, lead = "invalid", None
     elif limited.exceedance is None and own is not None and own.exceedance is not None:
         result, lead = "invalid", None  # the alert was about limits no longer in force
+    elif judged.segment.is_rest:
+        result, lead = "unassessed", None
+    elif peak is None and lead is None:
+        result = "invalid"
     lines = list(limits_remarks(judged.in_force, own, flight.planned))
     is_unused = bool(judged.segment.unused)
     if withdrawal is not None and not is_unused:
@@ -404,8 +414,9 @@ def _verdict(
     if not limits_known or is_unused:
         pass
     elif limited.exceedance is None:
-        why = why_outcome_unknown(limited, judged.assessments, alerts, flight.monitor.dt)
-    elif withdrawal is None and not _was_silent(judged):
+        about = limited, judged.assessments, None if peak is None else alerts
+        why = why_outcome_unknown(*about, flight.monitor.dt)
+    elif withdrawal is None and not _was_silent(judged) and not judged.segment.is_rest:
         about = limited, limited.exceedance, judged.assessments, warned, promised
         why = why_warning_unknown(*about, flight.monitor.dt)
     if why:
@@ -419,7 +430,7 @@ def _verdict(
         last=last,
         trim=tuple(None if np.isnan(value) else float(value) for value in judged.assessed.trim),
         validity=judged.validity,
-        outcome="invalid" if peak is None and lead is None else result,
+        outcome=result,
         guarantee=guarantee(flight.monitor, judged.validity, epsilon, flight.use),
         peak_risk=None if peak is None else float(part["p_value"][peak]),
         peak_t=float(part["t"][peak]) if rises else None,

@@ -9,6 +9,7 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 
 from app.assessment.monitors_in_use import MonitorRuling, MonitorsInUse, needs_beginning
+from app.assessment.outcome import OUTCOMES
 from app.assessment.planned_test import PlannedTest
 from app.assessment.recorded import RecordedFlight
 from app.assessment.scored import MOST_MANOEUVRES
@@ -115,7 +116,7 @@ class Segment(NamedTuple):
     of the rest of a manoeuvre; None unless it comes into use after the beginning of one.
     ends_early: why its samples end within the manoeuvre; empty if they do not.
     unused: why no monitor of a set is in use; empty if one is.   part: number of its part of a
-    manoeuvre, from 0.
+    manoeuvre, from 0.   is_rest: nothing was flown in it, so nothing is assessed.
     """
 
     name: str
@@ -130,6 +131,7 @@ class Segment(NamedTuple):
     ends_early: str = ""
     unused: str = ""
     part: int = 0
+    is_rest: bool = False
 
     def trim_of(self, y: Array, dictionary: Dictionary = LATERAL) -> Array:
         """(n_channels,) trim, NaN where unknown, 0 where none is subtracted.
@@ -157,13 +159,18 @@ def _cut(what: str, segment: Segment, last: int, planned: PlannedTest) -> str:
 
     segment: the whole manoeuvre.   last: the last sample that is held.
     """
-    least, n_trim = planned.least_flown, round(planned.trim_segment_s / planned.dt)
+    n_trim = round(planned.trim_segment_s / planned.dt)
     begin = segment.first + n_trim if segment.onset is None else segment.onset
-    flown = max(0, last - begin) * planned.dt
+    where = too_short(last - begin, planned)
+    return f"{what} within the manoeuvre, {where}" if where else ""
+
+
+def too_short(n: int, planned: PlannedTest) -> str:
+    """What n samples after its beginning lack of a whole manoeuvre, in words; empty if nothing."""
+    least, flown = planned.least_flown, max(0, n) * planned.dt
     if least is None or flown >= least - 0.5 * planned.dt:
         return ""
-    where = f"{flown:.2f} s after its beginning; at least {least:.3g} s are needed"
-    return f"{what} within the manoeuvre, {where}"
+    return f"{flown:.2f} s after its beginning; at least {least:.3g} s are needed"
 
 
 def segments(
@@ -171,10 +178,13 @@ def segments(
     planned: PlannedTest,
     recipe: ScoringRecipe,
     followed: Sequence[FollowedManoeuvre],
+    *,
+    is_flight: bool = False,
 ) -> tuple[tuple[Segment, ...], tuple[str, ...]]:
     """The segments of a recipe, and notes on their detection.
 
-    recording: on the grid of planned.dt.   followed: its manoeuvres.
+    recording: on the grid of planned.dt.   followed: its manoeuvres.   is_flight: of a live flight,
+    which assessed manoeuvres alone.
     TelemetryError for intervals outside it.
     """
     if isinstance(recipe.manoeuvres, tuple):
@@ -187,6 +197,9 @@ def segments(
         return (_marked(recording, planned, recipe, entire),), ()
     if detected := detected_segments(planned, recipe, followed):
         return detected, (f"Manoeuvres detected by control activity: {len(detected)}.",)
+    if is_flight:
+        rest = _marked(recording, planned, recipe, entire)._replace(is_rest=True)
+        return (rest,), (f"{OUTCOMES['unassessed'].text.capitalize()}.",)
     controls = [planned.dictionary.channels[c].label for c in planned.controls]
     note = "No control input detected"
     if np.isnan(recording.y[:, planned.controls]).all():
@@ -288,6 +301,9 @@ def by_monitor(
         trim = segment.trim_of(y, flight.monitor.dictionary)
         begin = segment.first if segment.onset is None else segment.onset
         n_before = len(parts)
+        if segment.is_rest:
+            parts.append((members[0], segment))
+            continue
         for first, stop in pairwise(edges):
             ruling = timeline.rulings[index[first]]
             start, last = max(begin, first), min(segment.last, stop - 1)

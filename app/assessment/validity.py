@@ -204,7 +204,8 @@ def rate(assessed: AssessedSegment) -> Check:
 
 def coverage(assessed: AssessedSegment) -> Check:
     """Were enough samples assessed, up to the first exceedance?"""
-    lost = lost_samples(assessed.counted, assessed.monitor.dt).lost
+    counted = assessed.counted
+    lost = lost_samples(counted.t, counted.state, assessed.monitor.dt).lost
     n_lost, n = int(lost.sum()), len(lost)
     if not np.isfinite(assessed.assessments.p_value).any():
         return Check("coverage", False, f"no sample was assessed{_most_missing(assessed)}")

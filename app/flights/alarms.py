@@ -21,7 +21,7 @@ from typing import Any
 
 from app.assessment.input_checks import DOUBT_KINDS, Doubt
 from app.flights.clock import Clock
-from app.flights.verdict import exceeds_from_trim
+from app.flights.verdict import MISSING, exceeds_from_trim
 from core.flight_events import Alarm
 from core.limits.exceedance import NOT_PLAUSIBLE, Exceeded, MeasuredExceedance
 from core.monitor import Assessment, State
@@ -29,8 +29,6 @@ from core.monitor.assessment import Cause
 from core.monitor.status import ALARM_LEVELS, AlarmKind, Level
 
 REJOIN_S = 1.0
-MISSING = "is missing", "are missing"
-"""Ends of a reason that names missing channels."""
 ALARMING = frozenset({State.INVALID, State.STALE})
 """States that may raise a caution; no other state is an alarm by itself."""
 CLOSED_KEPT = 50

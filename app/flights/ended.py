@@ -3,22 +3,27 @@
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel
 
-from app.assessment.coverage import why_exceedance_unknown
-from app.assessment.outcome import holes_in
+from app.assessment.coverage import OK, WARMING_UP, why_alert_unknown, why_exceedance_unknown
+from app.assessment.outcome import holes_in, outcome
+from app.assessment.planned_test import known_test
+from app.assessment.segments import too_short
 from app.flights.display_monitors import stated_delay
 from app.flights.verdict import (
     BEFORE,
     Circumstances,
-    data_missing,
     first_exceedance,
     is_jump,
+    is_lost,
+    is_rest,
     is_withdrawn,
     longest_manoeuvre,
+    no_verdict,
     not_flown,
     planned_length,
     unassessed,
@@ -37,7 +42,7 @@ from core.monitor import State
 from core.monitor.assessment import STATES, Cause
 from core.monitor.status import Facts, Headline, Level, cause_of, headline
 
-RUNNING = "running"
+RUNNING, INVALID = "running", STATES.index(State.INVALID)
 NO_SAMPLE = STATES.index(State.WARMING_UP), "no sample came"
 """State and reason of a flight that ended before its first sample."""
 
@@ -215,7 +220,7 @@ def _doubt(
     for alarm in alarms:
         is_limited = not (alarm.channels and limited.isdisjoint(alarm.channels))
         if alarm.kind == "frozen" and is_limited:  # which ones, old alarms do not record
-            return data_missing(alarm.reason or "")
+            return no_verdict("unseen", alarm.reason or "")
     holes = [
         hole
         for key, is_known in zip(dictionary.keys, known.T, strict=True)
@@ -223,7 +228,36 @@ def _doubt(
         for hole in holes_in(key, t[is_known], t[0], t[-1])
     ]
     why = why_exceedance_unknown(holes, t[-1] - t[0], dt)
-    return data_missing(why) if why else None
+    return no_verdict("unseen", why) if why else _of_manoeuvres(store, info, used[0], alarms)
+
+
+def _of_manoeuvres(
+    store: Store, info: FlightInfo, monitor: MonitorInfo, alarms: Sequence[Alarm]
+) -> Verdict | None:
+    """The verdict on a live flight whose samples were not all assessed, or end too early."""
+    stored = store.flights.assessments(info.id)
+    about = [*zip([STATES[code] for code in stored.state], stored.reasons, strict=True)]
+    rests = np.array([is_rest(*each) for each in about])
+    lost = np.array([is_lost(*each) for each in about])
+    begun = (stored.state == OK) | ((stored.state == WARMING_UP) & ~rests)
+    edges = [-1, *np.flatnonzero(rests).tolist(), len(about)]
+    for rest, stop in pairwise(edges):
+        if not begun[rest + 1 : stop].any():
+            continue
+        part = slice(rest + 1 + int(begun[rest + 1 : stop].argmax()), stop)
+        state = np.where(lost[part], INVALID, np.where(begun[part], stored.state[part], OK))
+        why = why_alert_unknown(stored.t[part], state, monitor.dt)
+        if why and not stored.alert[part].any():
+            return no_verdict("unseen", why)
+        if stop < len(about):
+            continue
+        planned = known_test(store.monitors.get(info.monitor_id))
+        n_trim = 0 if rests.any() else round(planned.trim_segment_s / planned.dt)
+        if why := too_short(stop - 1 - part.start - n_trim, planned):
+            alerts = tuple((a.t, a.t) for a in alarms if a.kind == "risk" and a.seq >= part.start)
+            calls = [m.t for m in store.flight_markers.of(info.id) if m.level is not Level.NONE]
+            return no_verdict(outcome(alerts, None, 0.0, is_cut=True, calls=calls)[0], why)
+    return None
 
 
 def _limited(info: FlightInfo, used: Sequence[MonitorInfo]) -> set[str]:

@@ -10,6 +10,7 @@ import numpy as np
 from app.assessment.outcome import (
     EXCEEDED,
     OUTCOMES,
+    OUTSIDE,
     Outcome,
     RecordedExceedance,
     exceedance_verdict,
@@ -33,10 +34,11 @@ BEFORE, JUMP = 20, 5.0
 WORST: tuple[Outcome, ...] = ("missed", "late_alert", "unseen", "invalid", "timely_alert")
 """Outcomes of the exceedances of a recording, of which the first here is the flight's."""
 NOT_FLOWN = f"{EXCEEDED}, samples before it not flown"
-OUTSIDE = f"{EXCEEDED} outside every manoeuvre, where nothing was assessed"
 UNASSESSED = f"{EXCEEDED} before it could be assessed"
 FILLING = "filling the history"
 """Start of the reasons of a monitor that warms up within a manoeuvre."""
+MISSING = "is missing", "are missing"
+"""Ends of a reason that names missing channels."""
 
 
 class Circumstances(NamedTuple):
@@ -131,9 +133,9 @@ def not_flown(t: float) -> Verdict:
     return Verdict(exceeded_t=t, lead=None, text=NOT_FLOWN)
 
 
-def data_missing(why: str) -> Verdict:
-    """Of a flight without a measured exceedance. why: see why_exceedance_unknown."""
-    return Verdict(exceeded_t=None, lead=None, text=f"{OUTCOMES['unseen'].word}: {why}")
+def no_verdict(result: Outcome, why: str) -> Verdict:
+    """Of a flight without a measured exceedance."""
+    return Verdict(exceeded_t=None, lead=None, text=f"{OUTCOMES[result].word}: {why}")
 
 
 def first_exceedance(alarms: Iterable[Alarm]) -> Alarm | None:
@@ -160,13 +162,22 @@ def unassessed(t: float, samples: Iterable[tuple[float, State, str]]) -> str:
     if any(state is State.OK for state, _ in before):
         return ""
     state, reason = before[-1] if before else (State.OK, "")
-    is_outside = state is State.WARMING_UP and not reason.startswith(FILLING)
-    return OUTSIDE if is_outside else UNASSESSED
+    return OUTSIDE if is_rest(state, reason) else UNASSESSED
+
+
+def is_rest(state: State, reason: str) -> bool:
+    """Whether a live flight waits for a manoeuvre at a sample."""
+    return state is State.WARMING_UP and not reason.startswith(FILLING)
+
+
+def is_lost(state: State, reason: str) -> bool:
+    """Whether a sample, or a channel of it, is missing."""
+    return state is State.INVALID and (reason in REASONS or reason.endswith(MISSING))
 
 
 def is_withdrawn(state: State, reason: str, cause: Cause | None) -> bool:
     """Whether a monitor was not applicable to a sample; a lost sample withdraws nothing."""
-    return state is State.INVALID and reason not in REASONS and cause is not Cause.BETWEEN
+    return state is State.INVALID and not is_lost(state, reason) and cause is not Cause.BETWEEN
 
 
 def _verdict(t: float, lead: float | None, text: str, result: Outcome, promised: float) -> Verdict:

@@ -5,7 +5,7 @@ from itertools import chain
 from math import inf
 from typing import Any
 
-from app.assessment.outcome import OUTCOMES, OutcomeLevel, wording_of
+from app.assessment.outcome import OUTCOMES, OUTSIDE, OutcomeLevel, wording_of
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.mapping.mapping import ChannelSource
 from app.telemetry.targets import as_mapped, in_order, target_of
@@ -33,6 +33,7 @@ BY_INTEREST = (
     "timely_alert",
     "invalid",
     "unknown",
+    "unassessed",
     "quiet",
 )
 """Outcomes in the order in which their manoeuvres are drawn."""
@@ -91,7 +92,11 @@ def _of_exceeded_invalid(exceeded: Sequence[Plain]) -> tuple[str, str]:
     if len(outcomes) > 1 or not outcomes <= warned.keys():
         return "bad", "A limit was exceeded where the monitor is not applicable"
     level, when = warned[outcomes.pop()]
-    return level, f"A limit was exceeded, warned {when} before the monitor was withdrawn"
+    words = f"A limit was exceeded, warned {when} before the monitor was withdrawn"
+    first = exceeded[0]
+    if (t := first.get("withdrawn_t")) is not None:
+        words += f" at {t:.2f} s ({first['withdrawn_reason']})"
+    return level, words
 
 
 def _is_invalid(manoeuvre: Plain) -> bool:
@@ -104,6 +109,10 @@ def _of_valid(manoeuvres: Sequence[Plain]) -> tuple[str, str]:
     n = counts(manoeuvres)
     if n["unknown"]:
         return "caution", "Unknown: the monitor does not record its limits"
+    if n["unassessed"]:
+        is_exceeded = any(s["exceedance"] for s in manoeuvres)
+        words = OUTSIDE if is_exceeded else OUTCOMES["unassessed"].text
+        return "bad" if is_exceeded else "invalid", words.capitalize()
     if n["missed"] or n["late_alert"]:
         return "bad", "A limit was exceeded without a timely alert"
     unseen = [s for s in manoeuvres if s["outcome"] == "unseen"]

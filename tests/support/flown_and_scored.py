@@ -106,7 +106,7 @@ def flown_and_scored(
                 await flight.receive(json.dumps(sent), "rest").stored
                 while waiting and waiting[0] <= t:
                     await flights.mark(flight.id, "abort", "Ann", None, waiting.pop(0))
-            clock.advance(0.6)
+            clock.advance(0.2)
             await flights.stop(flight.id)
         return flight.id
 

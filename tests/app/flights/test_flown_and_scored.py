@@ -3,8 +3,45 @@
 from dataclasses import asdict
 from pathlib import Path
 
-from app.assessment.outcome import verdict_of
-from tests.support.flown_and_scored import doublets, flown_and_scored, in_order
+import numpy as np
+import pytest
+
+from app.assessment.outcome import OUTCOMES, verdict_of
+from core.channels import KEYS
+from core.types import Array
+from tests.support.flown_and_scored import (
+    DT,
+    LEAD_IN_S,
+    NY,
+    FlownAndScored,
+    doublets,
+    flown_and_scored,
+    in_order,
+)
+
+BEGINS = round(LEAD_IN_S / DT)
+
+
+def with_channel(y: Array, key: str, value: float, first: int, stop: int | None = None) -> Array:
+    changed = y.copy()
+    changed[first:stop, KEYS.index(key)] = value
+    return changed
+
+
+def at_rest(ny: float = 0.0) -> Array:
+    """Six seconds of rest; N_y takes a value in the last second."""
+    y = 1e-5 * np.random.default_rng(3).standard_normal((120, len(KEYS)))
+    y[100:, NY] += ny
+    return y
+
+
+def words(both: FlownAndScored) -> tuple[str, str]:
+    """Of the record and of the only manoeuvre of the scoring, up to a colon."""
+    (manoeuvre,) = both.scored.manoeuvres
+    verdict, headline = both.record.verdict, both.record.headline.status
+    scored = verdict_of(asdict(manoeuvre)) or OUTCOMES[manoeuvre.outcome].word
+    record = headline.replace("_", " ").upper() if verdict is None else verdict.text
+    return record.split(":")[0], scored
 
 
 def test_an_alert_in_one_part_of_a_manoeuvre_warns_of_an_exceedance_in_the_next(
@@ -20,3 +57,28 @@ def test_an_alert_in_one_part_of_a_manoeuvre_warns_of_an_exceedance_in_the_next(
     assert after.lead is not None
     assert both.record.verdict is not None
     assert both.record.verdict.text == verdict_of(asdict(after))
+
+
+@pytest.mark.parametrize(
+    ("y", "word"),
+    [
+        (doublets(fail=False)[0][: BEGINS + 20], "ENDS WITHIN THE MANOEUVRE"),
+        (with_channel(doublets(fail=False)[0], "beta", np.nan, 70, 80), "DATA MISSING"),
+        (with_channel(doublets(fail=False)[0], "Ny", np.nan, 70, 80), "DATA MISSING"),
+        (with_channel(doublets(fail=False)[0], "Ny", np.nan, BEGINS + 1), "DATA MISSING"),
+        (at_rest(), "NOT ASSESSED"),
+        (at_rest(0.7), "LIMIT EXCEEDED outside every manoeuvre, where nothing was assessed"),
+    ],
+    ids=["cut", "beta", "Ny", "no_Ny", "rest", "exceeds_at_rest"],
+)
+def test_a_flight_and_the_scoring_of_its_recording_have_one_word(
+    tmp_path: Path, y: Array, word: str
+) -> None:
+    assert words(flown_and_scored(tmp_path, in_order(y))) == (word, word)
+
+
+def test_an_abort_after_the_alert_is_told_by_the_record_too(tmp_path: Path) -> None:
+    y = doublets(fail=True)[0][:-10]
+    calls = [(len(y) - 1) * DT]
+    both = flown_and_scored(tmp_path, in_order(y), calls=calls)
+    assert words(both) == ("ABORTED AFTER THE ALERT",) * 2

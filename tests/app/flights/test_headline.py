@@ -389,13 +389,17 @@ def test_a_record_says_that_no_sample_came_for_a_while(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("channel", "n"), [(NY, 0), (NY, 1), (NY, 2), (0, 20)])
-def test_a_sample_lost_or_a_channel_without_a_limit_leaves_no_doubt(
+def test_one_or_two_lost_samples_leave_no_doubt_and_many_of_any_channel_do(
     tmp_path: Path, channel: int, n: int
 ) -> None:
     y = np.zeros((N_SAMPLES, 6))
     y[20 : 20 + n, channel] = np.nan
     record = ended_live(tmp_path, y, T)
-    assert (record.headline.status, record.verdict) == ("not_calibrated", None)
+    if n <= 2:
+        assert (record.headline.status, record.verdict) == ("not_calibrated", None)
+        return
+    assert record.verdict is not None
+    assert "DATA MISSING: no sample assessed from 1.00 to 1.95 s" in record.verdict.text
 
 
 OVER = MeasuredExceedance("Ny", 0.529, 0.5, "both")

@@ -123,7 +123,9 @@ def assert_one_verdict(ended: dict[str, Any], scoring: dict[str, Any]) -> None:
     found = [manoeuvre["exceedance"], manoeuvre["recorded_exceedance"], *outside]
     found = [each for each in found if each is not None]
     if not found:
-        assert (verdict, ended["exceedances"]) == (None, [])
+        is_cut = manoeuvre["outcome"] == "cut"
+        assert ((verdict or {"text": ""})["text"].startswith("ENDS WITHIN")) == is_cut
+        assert (verdict is None or is_cut, ended["exceedances"]) == (True, [])
         return
     first = min(found, key=lambda each: each["t"])
     assert ended["exceedances"][0]["first_t"] == pytest.approx(first["t"])

@@ -212,6 +212,9 @@ def test_the_headline_covers_valid_manoeuvres_and_counts_the_others() -> None:
     late = warned | {"outcome": "late_alert"}
     assert headline([late])[0] == "bad"
     assert "warned too late before the monitor was withdrawn" in headline([late])[1]
+    since = {"withdrawn_t": 4.3, "withdrawn_reason": "p is outside training"}
+    _, words = headline([late | since])
+    assert words.endswith("before the monitor was withdrawn at 4.30 s (p is outside training)")
     level, words = headline([QUIET, INVALID, INVALID])
     assert level == "caution"
     assert words.startswith(
