@@ -173,6 +173,8 @@ def test_the_udp_sender_and_the_client_reach_a_flight(server: LiveServer):
     file = "\n".join([",".join([*columns, "body/da_deg", "body/dr_deg"]), *rows])
     recordings = f"{server.url}/api/v1/recordings"
     sent = httpx2.post(recordings, files={"file": ("names.csv", file)}).json()
+    path = f"{recordings}/{sent['id']}/mapping"
+    httpx2.put(path, json=sent["mapping"]).raise_for_status()
     flight = flown(server, udp=0, recording=sent["id"])
     with LiveClient(server.url) as waiting:
         waiting.join(flight)

@@ -276,7 +276,13 @@ class Live(Source):
             self._check_udp(self.udp, opening)
         setup, name = self.setup(opening), "live"
         if self.recording is not None:
-            name = f"live, as {opening.store.recordings.info(self.recording).name}"
+            info = opening.store.recordings.info(self.recording)
+            if info.mapping_state == "proposed":
+                raise SourceError(
+                    f"the mapping of {info.name} is only proposed: check and confirm it on the "
+                    "recording's page, then start the flight"
+                )
+            name = f"live, as {info.name}"
         return setup, name
 
     def _check_udp(self, port: int, opening: Opening) -> None:

@@ -272,7 +272,8 @@ function checkLine() {
 
 /** Settings of a live flight beside its monitor; all are optional. */
 function createLiveFields(recordings) {
-  const mapping = select([["", "Forewarn's names, SI units"], ...recordings.map(({ id, name }) => [id, `as ${name}`])]);
+  const mapped = recordings.filter(({ mapping_state: state }) => state !== "proposed");
+  const mapping = select([["", "Forewarn's names, SI units"], ...mapped.map(({ id, name }) => [id, `as ${name}`])]);
   const trim = select([["detected", "measured at rest before each manoeuvre"], ["none", "samples are deviations from trim already"]]);
   const delay = numberInput({ min: 0 });
   const waits = h("span");
@@ -280,7 +281,7 @@ function createLiveFields(recordings) {
   const port = numberInput({ min: 1024, max: 65_535, step: 1, value: 9870, "aria-label": "UDP port" });
   const unguarded = h("span", "Datagrams carry no token: anyone who reaches the port can send.");
   const fields = [
-    labelled("Channels", mapping, { hint: "Names, units and signs: Forewarn's, or those of a recording's mapping." }),
+    labelled("Channels", mapping, { hint: "Names, units and signs: Forewarn's, or those of a recording's confirmed mapping." }),
     labelled("Trim", trim),
     labelled("Longest wait for a sample", delay, { unit: "s", hint: waits }),
     labelled("UDP datagrams", udp, { hint: unguarded }),

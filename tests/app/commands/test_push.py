@@ -90,6 +90,9 @@ def test_a_flight_that_was_given_is_ended_too_unless_it_is_to_stay_open(
 def test_own_names_are_read_by_the_recording_of_the_flight(server: LiveServer, file: Path, capsys):
     recordings = f"{server.url}/api/v1/recordings"
     sent = httpx2.post(recordings, files={"file": ("f.csv", file.read_bytes())}).json()
+    live = {"source": {"kind": "live", "recording": sent["id"]}, "monitor": server.monitor_id}
+    unconfirmed = httpx2.post(f"{server.url}/api/v1/flights", json=live)
+    assert (unconfirmed.status_code, "confirm it" in unconfirmed.text) == (422, True)
     confirmed = httpx2.put(f"{recordings}/{sent['id']}/mapping", json=sent["mapping"])
     confirmed.raise_for_status()
     options = ["--server", server.url, "--rate", "max", "--as-is"]
