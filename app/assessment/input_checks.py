@@ -291,6 +291,28 @@ class _Frozen:
         self._n_turning += bool((n_turns > REVERSES * np.maximum(n, FEWEST)).any())
 
 
+class FrozenPart(NamedTuple):
+    """When channels of a source were frozen [s], by their keys, and why in words."""
+
+    start: float
+    end: float
+    channels: tuple[str, ...]
+    reason: str
+
+
+def frozen_parts(dictionary: Dictionary, t: Array, y: Array) -> tuple[FrozenPart, ...]:
+    """The cautions of frozen channels in a whole flight. t: (n,) [s].   y: (n, n_channels)."""
+    recent, parts = _Recent(len(dictionary)), dict[tuple[float, tuple[str, ...]], FrozenPart]()
+    frozen = _Frozen(recent, dictionary)
+    for at, sample in zip(t.tolist(), np.ascontiguousarray(y), strict=True):
+        flags, _ = recent.push(at, sample, 0)
+        doubt = frozen.push(at, sample, is_same=bool(flags & SAME), holds=bool(flags & HOLDS))
+        if doubt is not None and doubt.level is Level.CAUTION:
+            key = doubt.t, doubt.channels
+            parts[key] = FrozenPart(doubt.t, at, doubt.channels, doubt.reason)
+    return tuple(parts.values())
+
+
 class _Contradictions:
     """Samples of one time that differ. agrees: (n_channels,) differences that are none.
 

@@ -21,6 +21,7 @@ from app.assessment.grid import (
     joined,
     missing_after,
 )
+from app.assessment.input_checks import FrozenPart, frozen_parts
 from app.assessment.limits_history import (
     InForceTimeline,
     LimitsHistory,
@@ -105,7 +106,7 @@ class RecordedFlight:
     grid.   begun: rows with which a manoeuvre is begun by hand.   needed: (n_channels,) channels
     the monitor needs.   timeline: limits in force over time; None where no limit set was in force.
     use: in the training of the monitor; empty for none.   members: of the monitor set that scores
-    it, one by one as if alone; empty for one monitor.
+    it, one by one as if alone; empty for one monitor.   frozen: of a live flight, as it said.
     """
 
     monitor: Monitor
@@ -120,6 +121,7 @@ class RecordedFlight:
     timeline: InForceTimeline | None = None
     use: str = ""
     members: tuple[Monitor, ...] = ()
+    frozen: tuple[FrozenPart, ...] = ()
 
     @cached_property
     def manoeuvres(self) -> list[FollowedManoeuvre]:
@@ -195,12 +197,20 @@ class RecordedFlight:
             tuple(notes),
             timeline,
             members=members,
+            frozen=_frozen(grid.judged, dictionary) if repaired.flown is not None else (),
         )
 
     def by(self, monitor: Monitor) -> Self:
         """The same recording as one monitor of the set sees it."""
         about = planned_test(monitor), needed_channels(monitor)
         return replace(self, monitor=monitor, planned=about[0], needed=about[1])
+
+
+def _frozen(judged: Traces, dictionary: Dictionary) -> tuple[FrozenPart, ...]:
+    t = next(iter(judged.channels.values())).t
+    known = [judged.channels.get(key) for key in dictionary.keys]
+    columns = [np.full(len(t), nan) if trace is None else trace.values for trace in known]
+    return frozen_parts(dictionary, t, np.column_stack(columns))
 
 
 def sizes_of(traces: Traces, dictionary: Dictionary) -> tuple[float, ...]:

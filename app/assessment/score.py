@@ -415,7 +415,9 @@ def _verdict(
         pass
     elif limited.exceedance is None:
         about = limited, judged.assessments, None if peak is None else alerts
-        why = why_outcome_unknown(*about, flight.monitor.dt)
+        why = why_outcome_unknown(*about, flight.monitor.dt) or _why_frozen(
+            flight, limited, part["t"]
+        )
     elif withdrawal is None and not _was_silent(judged) and not judged.segment.is_rest:
         about = limited, limited.exceedance, judged.assessments, warned, promised
         why = why_warning_unknown(*about, flight.monitor.dt)
@@ -455,6 +457,17 @@ def _verdict(
         begins=None if onset is None else float(flight.recording.t[onset]),
         worst_recorded=limited.worst_recorded,
     )
+
+
+def _why_frozen(flight: RecordedFlight, limited: Limited, t: Array) -> str:
+    """Why "no exceedance" is uncertain, because a limited channel was frozen at these times [s]."""
+    keys = {peak.channel for peak in limited.peaks}
+    reasons = (
+        f"data missing: {part.reason}"
+        for part in flight.frozen
+        if not keys.isdisjoint(part.channels) and part.start <= t[-1] and part.end >= t[0]
+    )
+    return next(reasons, "")
 
 
 def _was_silent(judged: JudgedSegment) -> bool:

@@ -35,6 +35,12 @@ def at_rest(ny: float = 0.0) -> Array:
     return y
 
 
+def frozen_ny() -> Array:
+    y = doublets(fail=False)[0]
+    y = y + 1e-4 * np.random.default_rng(3).standard_normal(y.shape)
+    return with_channel(y, "Ny", y[BEGINS + 4, NY], BEGINS + 5)
+
+
 def words(both: FlownAndScored) -> tuple[str, str]:
     """Of the record and of the only manoeuvre of the scoring, up to a colon."""
     (manoeuvre,) = both.scored.manoeuvres
@@ -66,10 +72,11 @@ def test_an_alert_in_one_part_of_a_manoeuvre_warns_of_an_exceedance_in_the_next(
         (with_channel(doublets(fail=False)[0], "beta", np.nan, 70, 80), "DATA MISSING"),
         (with_channel(doublets(fail=False)[0], "Ny", np.nan, 70, 80), "DATA MISSING"),
         (with_channel(doublets(fail=False)[0], "Ny", np.nan, BEGINS + 1), "DATA MISSING"),
+        (frozen_ny(), "DATA MISSING"),
         (at_rest(), "NOT ASSESSED"),
         (at_rest(0.7), "LIMIT EXCEEDED outside every manoeuvre, where nothing was assessed"),
     ],
-    ids=["cut", "beta", "Ny", "no_Ny", "rest", "exceeds_at_rest"],
+    ids=["cut", "beta", "Ny", "no_Ny", "frozen_Ny", "rest", "exceeds_at_rest"],
 )
 def test_a_flight_and_the_scoring_of_its_recording_have_one_word(
     tmp_path: Path, y: Array, word: str
