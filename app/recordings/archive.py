@@ -349,6 +349,11 @@ def score_archive(
         raise ValueError(
             f"{out} holds the results of other recordings than {request.source}: give another --out"
         )
+    if left_out := _monitors_in(out) - {path.name for path in request.score.monitors}:
+        raise ValueError(
+            f"{out} also holds the results of {', '.join(sorted(left_out))}, which was not given: "
+            "give all its monitors, or another --out"
+        )
     for gone in stored - present:
         out.delete(gone)
     copies = _copies(files)
@@ -372,6 +377,16 @@ def score_archive(
     return Archived(n_scored, unchanged, failed, copies)
 
 
+def _monitors_in(out: ResultFolder) -> set[str]:
+    """Files of the monitors whose results a folder holds."""
+    from pyarrow.parquet import read_schema
+
+    with suppress(OSError, ValueError):
+        about = (read_schema(BytesIO(out.read("files.parquet"))).metadata or {}).get(ABOUT, b"{}")
+        return {monitor["file"] for monitor in json.loads(about).get("monitors", ())}
+    return set()
+
+
 def _files(request: ArchiveRequest) -> Iterator[ArchiveFile]:
     root, out = _folder(request), request.out
     if root is not None and not root.is_dir():
@@ -380,11 +395,10 @@ def _files(request: ArchiveRequest) -> Iterator[ArchiveFile]:
         raise ValueError(f"the results in {out} would lie among the recordings: give another --out")
     if out.has(""):
         raise ValueError(f"{out} is a file: give a folder for the results")
-    if request.url:
+    if root is None:
         for remote in remote_files(request.url):
             yield ArchiveFile(Path(remote.name), remote.name, remote)
         return
-    assert root is not None
     for path in sorted(root.rglob("*")):
         inside = path.relative_to(root)
         if any(part.startswith(".") for part in inside.parts) or out.holds(str(path.resolve())):

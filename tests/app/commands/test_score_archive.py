@@ -189,6 +189,21 @@ def test_results_of_other_recordings_are_left_alone(
     assert tables(tmp_path / "out") == before
 
 
+def test_results_of_a_monitor_that_is_not_given_are_left_alone(
+    source: Path, tmp_path: Path, scored: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    second = str(shutil.copy(MONITOR_FILE, tmp_path / "second.fwm"))
+    scored()
+    call = ["score-archive", second, str(source), "--out", str(tmp_path / "out"), "--workers", "1"]
+    before = tables(tmp_path / "out")
+    assert main(call) == 1
+    assert f"{MONITOR_FILE.name}, which was not given" in capsys.readouterr().err
+    assert tables(tmp_path / "out") == before
+    assert main(["score-archive", str(MONITOR_FILE), *call[1:]]) == 0
+    summary, _ = tables(tmp_path / "out")
+    assert {row["monitor"] for row in summary} == {MONITOR_FILE.stem, "second"}
+
+
 def test_a_process_that_the_system_ended_is_one_sentence(
     source: Path,
     tmp_path: Path,
@@ -278,6 +293,9 @@ def test_links_and_pipes_that_are_no_recordings_are_listed(
     assert "nowhere.csv, which does not exist" in told["failed"]["lost.csv"]
     assert told["scored"] == 3
     assert {row["flight"] for row in tables(tmp_path / "out")[1]} >= {*told["failed"]}
+    call = ["score-archive", str(MONITOR_FILE), f"file://{source}", "--workers", "1"]
+    assert main([*call, "--out", str(tmp_path / "by_url")]) == 0
+    assert tables(tmp_path / "by_url") == tables(tmp_path / "out")
 
 
 @pytest.fixture
@@ -321,7 +339,7 @@ def test_recordings_at_a_url_give_the_tables_of_a_folder_and_are_fetched_once(
 @pytest.mark.fuzz
 def test_two_processes_fetch_from_a_url(source: Path, tmp_path: Path, scored: Any) -> None:
     scored()
-    call = ["score-archive", str(MONITOR_FILE), f"file://{source}", "--workers", "2"]
+    call = ["score-archive", str(MONITOR_FILE), f"simplecache::file://{source}", "--workers", "2"]
     assert main([*call, "--out", str(tmp_path / "two")]) == 0
     assert tables(tmp_path / "two") == tables(tmp_path / "out")
 
