@@ -131,18 +131,26 @@ def why_warning_unknown(
                 f"{doubt}: no sample from {hole.start:.2f} to {hole.end:.2f} s; the limit was "
                 "exceeded in between"
             )
-    last = exceedance.t - promised + SAME_TIME
-    if alert is not None and alert <= last:
+    if alert is not None and alert <= exceedance.t - promised + SAME_TIME:
         return ""
-    t, lost, _ = lost_samples(assessments.t, assessments.state, dt)
-    chance = (t >= last - promised - 2 * SAME_TIME) & (t <= last)
-    if not chance.any() or not lost[chance].all():
+    t = lost_chance(assessments.t, assessments.state, exceedance.t, promised, dt)
+    if not len(t):
         return ""
-    begin, end = t[chance][[0, -1]]
     return (
-        f"could not warn: no sample assessed from {begin:.2f} to {end:.2f} s, the last interval "
+        f"could not warn: no sample assessed from {t[0]:.2f} to {t[-1]:.2f} s, the last interval "
         f"for a timely alert; the limit was exceeded at {exceedance.t:.2f} s"
     )
+
+
+def lost_chance(t: Array, state: Indices, exceeded_t: float, promised: float, dt: float) -> Array:
+    """Times of the last interval for a timely alert [s] if no sample of it was assessed, else none.
+
+    t, state, dt: see lost_samples.   promised: lead [s].
+    """
+    last = exceeded_t - promised + SAME_TIME
+    t, lost, _ = lost_samples(t, state, dt)
+    chance = (t >= last - promised - 2 * SAME_TIME) & (t <= last)
+    return t[chance & lost[chance].all()]
 
 
 def _longest_run(flags: Flags) -> tuple[int, int]:

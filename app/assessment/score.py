@@ -188,6 +188,12 @@ class JudgedSegment:
     def stop(self) -> int:
         return self.segment.last + 1
 
+    @property
+    def is_missing(self) -> bool:
+        """Whether every sample lacks a channel that the monitor needs."""
+        y = self.assessed.recording.y[self.begin : self.stop]
+        return bool(np.isnan(y[:, self.assessed.needed]).any(axis=1).all())
+
     def withdrawn(self, part: slice) -> Flags:
         """Samples of a part at which the monitor is not applicable, for any reason."""
         silent = self.silent[part]
@@ -390,6 +396,7 @@ def _verdict(
     peak = int(np.nanargmax(part["p_value"])) if known.any() else None
     rises = peak is not None and part["p_value"][peak] > smallest_epsilon(flight.monitor.n_unsafe)
     alerts = alert_times(part["t"], part["alert"])
+    is_missing = peak is None and judged.is_missing
     limited, promised = judged.limited, flight.monitor.lead
     withdrawal, own, onset = judged.withdrawal, judged.own, judged.segment.onset
     is_cut = goes_on or bool(judged.segment.ends_early)
@@ -414,11 +421,15 @@ def _verdict(
     if not limits_known or is_unused:
         pass
     elif limited.exceedance is None:
-        about = limited, judged.assessments, None if peak is None else alerts
+        about = limited, judged.assessments, None if peak is None and not is_missing else alerts
         why = why_outcome_unknown(*about, flight.monitor.dt) or _why_frozen(
             flight, limited, part["t"]
         )
-    elif withdrawal is None and not _was_silent(judged) and not judged.segment.is_rest:
+    elif (
+        (withdrawal is None or is_missing)
+        and not _was_silent(judged)
+        and not judged.segment.is_rest
+    ):
         about = limited, limited.exceedance, judged.assessments, warned, promised
         why = why_warning_unknown(*about, flight.monitor.dt)
     if why:

@@ -23,6 +23,7 @@ from app.flights.verdict import (
     is_rest,
     is_withdrawn,
     longest_manoeuvre,
+    n_before,
     no_verdict,
     not_flown,
     planned_length,
@@ -196,7 +197,7 @@ def _verdict(
         return verdict_of_recording(scored, alarms, _exceeded(info, alarms), monitor.dt, promised)
     first = first_exceedance(alarms)
     if first is not None:
-        before = before_exceedance(store, info.id, first, monitor.dt)
+        before = before_exceedance(store, info.id, first, monitor.lead, monitor.dt)
         live = info.source.get("kind") == "live"
         longest = longest_manoeuvre(planned_length(monitor.dataset_recipe))
         return verdict(alarms, Circumstances(promised, *before, live, longest))
@@ -242,7 +243,8 @@ def _of_manoeuvres(
     begun = (stored.state == OK) | ((stored.state == WARMING_UP) & ~rests)
     edges = [-1, *np.flatnonzero(rests).tolist(), len(about)]
     for rest, stop in pairwise(edges):
-        if not begun[rest + 1 : stop].any():
+        is_end = stop == len(about) and lost[rest + 1 : stop].any()
+        if not (begun[rest + 1 : stop].any() or is_end):
             continue
         part = slice(rest + 1 + int(begun[rest + 1 : stop].argmax()), stop)
         state = np.where(lost[part], INVALID, np.where(begun[part], stored.state[part], OK))
@@ -291,14 +293,15 @@ def _exceeded(info: FlightInfo, alarms: Sequence[Alarm]) -> list[float]:
 
 
 def before_exceedance(
-    store: Store, flight_id: str, first: Alarm, dt: float
+    store: Store, flight_id: str, first: Alarm, lead: float, dt: float
 ) -> tuple[bool, bool, str]:
     """`jumped`, `withdrawn` and `unassessed` of the Circumstances of the first exceedance."""
-    stored = store.flights.assessments(flight_id, max(first.seq - BEFORE, 0), first.seq)
+    stored = store.flights.assessments(flight_id, max(first.seq - n_before(lead, dt), 0), first.seq)
     states = [STATES[code] for code in stored.state]
     withdrawn = (
         is_withdrawn(state, reason, cause_of(state, reason))
         for state, reason in zip(states[-1:], stored.reasons[-1:], strict=True)
     )
     samples = zip(stored.t.tolist(), states, stored.reasons, strict=True)
-    return is_jump(stored.t, dt), any(withdrawn), unassessed(first.t, samples)
+    jumped = is_jump(stored.t[-BEFORE - 1 :], dt)
+    return jumped, any(withdrawn), unassessed(first.t, samples, lead, dt)

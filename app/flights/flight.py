@@ -35,6 +35,7 @@ from app.flights.verdict import (
     is_jump,
     is_withdrawn,
     longest_manoeuvre,
+    n_before,
     planned_length,
     unassessed,
     verdict,
@@ -194,7 +195,8 @@ class Flight(ABC):
         self._shown = self._facts, self.verdict, self.exceedances.latched
         self._sent = self._current
         self._has_new_evidence = False
-        self._newest = deque[tuple[float, State, str]](maxlen=BEFORE + 1)
+        n = n_before(monitor.lead, monitor.dt)
+        self._newest = deque[tuple[float, State, str]](maxlen=n + 1)
         self._before_exceedance = False, False, ""
 
     @property
@@ -649,8 +651,9 @@ class Flight(ABC):
         first = first_exceedance(self.alarms.evidence)
         if first is not None and first.seq == seq:
             about = assessment.state, assessment.reason, assessment.cause
-            jumped = is_jump(np.array([t for t, *_ in self._newest]), self.plan.monitor.dt)
-            why = unassessed(first.t, self._newest)
+            monitor = self.plan.monitor
+            jumped = is_jump(np.array([t for t, *_ in self._newest][-BEFORE - 1 :]), monitor.dt)
+            why = unassessed(first.t, self._newest, monitor.lead, monitor.dt)
             self._before_exceedance = jumped, is_withdrawn(*about), why
         self.judge(self._before_exceedance)
 

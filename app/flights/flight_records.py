@@ -76,7 +76,7 @@ class FlightRecords:
         return list((markers | (flight.markers if flight else {})).values())
 
     async def frames(
-        self, flight_id: str, first: int, last: int, trims: Sequence[TrimChange] | None
+        self, flight_id: str, first: int, last: int, trims: Sequence[TrimChange] | None = None
     ) -> list[dict[str, Any]]:
         """Flown frames first..last, as streamed. trims: of the flight. NotFound."""
         flight = self._under_way.get(flight_id)

@@ -2,11 +2,12 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
-from math import inf
+from math import ceil, inf
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from app.assessment.coverage import lost_chance
 from app.assessment.outcome import (
     EXCEEDED,
     OUTCOMES,
@@ -25,7 +26,7 @@ from app.recipes.recipes import from_plain
 from core.flight_events import Alarm
 from core.limits.exceedance import NOT_PLAUSIBLE, SAME_TIME, TRIM_UNKNOWN
 from core.monitor import State
-from core.monitor.assessment import REASONS, Cause
+from core.monitor.assessment import REASONS, Cause, code_of
 from core.planned_test.collection import DatasetRecipe
 from core.types import Array
 
@@ -34,7 +35,7 @@ BEFORE, JUMP = 20, 5.0
 WORST: tuple[Outcome, ...] = ("missed", "late_alert", "unseen", "invalid", "timely_alert")
 """Outcomes of the exceedances of a recording, of which the first here is the flight's."""
 NOT_FLOWN = f"{EXCEEDED}, samples before it not flown"
-UNASSESSED = f"{EXCEEDED} before it could be assessed"
+UNASSESSED = exceedance_verdict("unseen", None)
 FILLING = "filling the history"
 """Start of the reasons of a monitor that warms up within a manoeuvre."""
 MISSING = "is missing", "are missing"
@@ -48,7 +49,7 @@ class Circumstances(NamedTuple):
     jumped: the samples just before the first exceedance were not flown, so an alarm raised with it
     could not warn.
     withdrawn: the monitor was not applicable by then; without an alarm it has not missed.
-    unassessed: the verdict if no sample before it was assessed, see `unassessed`; else empty.
+    unassessed: the verdict if no sample could warn of it, see `unassessed`; else empty.
     live: a warning counts from when its alarm was raised, however old its sample was by then.
     longest: [s] an earlier alert belongs to another manoeuvre.
     """
@@ -67,6 +68,7 @@ AS_FLOWN = Circumstances()
 def verdict(alarms: Iterable[Alarm], circumstances: Circumstances = AS_FLOWN) -> Verdict | None:
     """How the first exceedance from trim was warned of; None without an exceedance."""
     alarms, (promised, jumped, withdrawn, unassessed, live, longest) = [*alarms], circumstances
+    jumped &= not live
     first, raw = first_exceedance(alarms), _first(alarms)
     if first is None:
         return None if raw is None else _as_recorded(raw.t, raw.reason or "")
@@ -153,16 +155,33 @@ def is_jump(t: Array, dt: float) -> bool:
     return bool(((steps <= 0.0) | (steps > JUMP * dt)).any())
 
 
-def unassessed(t: float, samples: Iterable[tuple[float, State, str]]) -> str:
-    """The verdict on an exceedance before which no sample was assessed; else empty.
+def n_before(lead: float, dt: float) -> int:
+    """Samples before an exceedance that decide whether it could be warned of."""
+    return max(BEFORE, ceil(2.0 * lead / dt) + 1)
+
+
+def unassessed(
+    t: float, samples: Iterable[tuple[float, State, str]], lead: float = 0.0, dt: float = 1.0
+) -> str:
+    """The verdict on an exceedance that no sample could warn of in time; else empty.
 
     t: of the exceedance [s].   samples: the newest ones by then: t [s], state and reason.
+    lead, dt: of the monitor [s].
     """
-    before = [(state, reason) for at, state, reason in samples if at < t - SAME_TIME]
-    if any(state is State.OK for state, _ in before):
+    before = [sample for sample in samples if sample[0] < t - SAME_TIME]
+    known = [(state, reason) for _, state, reason in before if not is_lost(state, reason)]
+    if not any(state is State.OK for state, _ in known):
+        return OUTSIDE if known and is_rest(*known[-1]) else UNASSESSED
+    rests = [k for k, (_, state, reason) in enumerate(before) if is_rest(state, reason)]
+    part = before[rests[-1] + 1 if rests else 0 :]
+    if not part:
         return ""
-    state, reason = before[-1] if before else (State.OK, "")
-    return OUTSIDE if is_rest(state, reason) else UNASSESSED
+    codes = [
+        code_of(State.OK if is_withdrawn(state, reason, None) else state)
+        for _, state, reason in part
+    ]
+    times = np.array([at for at, *_ in part])
+    return UNASSESSED if len(lost_chance(times, np.array(codes, np.int64), t, lead, dt)) else ""
 
 
 def is_rest(state: State, reason: str) -> bool:

@@ -72,11 +72,31 @@ def test_an_alert_in_one_part_of_a_manoeuvre_warns_of_an_exceedance_in_the_next(
         (with_channel(doublets(fail=False)[0], "beta", np.nan, 70, 80), "DATA MISSING"),
         (with_channel(doublets(fail=False)[0], "Ny", np.nan, 70, 80), "DATA MISSING"),
         (with_channel(doublets(fail=False)[0], "Ny", np.nan, BEGINS + 1), "DATA MISSING"),
+        (with_channel(doublets(fail=False)[0], "beta", np.nan, BEGINS), "DATA MISSING"),
+        (
+            with_channel(doublets(fail=True)[0], "beta", np.nan, BEGINS),
+            "LIMIT EXCEEDED, data missing, no verdict",
+        ),
+        (
+            with_channel(doublets(fail=True)[0], "beta", np.nan, len(doublets(fail=True)[0]) - 25),
+            "LIMIT EXCEEDED, data missing, no verdict",
+        ),
         (frozen_ny(), "DATA MISSING"),
         (at_rest(), "NOT ASSESSED"),
         (at_rest(0.7), "LIMIT EXCEEDED outside every manoeuvre, where nothing was assessed"),
     ],
-    ids=["cut", "beta", "Ny", "no_Ny", "frozen_Ny", "rest", "exceeds_at_rest"],
+    ids=[
+        "cut",
+        "beta",
+        "Ny",
+        "no_Ny",
+        "no_beta",
+        "exceeds_without_beta",
+        "beta_before_it",
+        "frozen_Ny",
+        "rest",
+        "exceeds_at_rest",
+    ],
 )
 def test_a_flight_and_the_scoring_of_its_recording_have_one_word(
     tmp_path: Path, y: Array, word: str
