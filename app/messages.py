@@ -363,6 +363,11 @@ class Decided(Message):
         description="verdict on the warning of the exceedance, or that data were missing in an "
         "ended flight; else null",
     )
+    call: FlightMarker | None = Field(
+        default=None,
+        description="the call in force in a flight in progress, ABORT before KNOCK IT OFF; null "
+        "for none: it was cleared, or a manoeuvre began",
+    )
 
 
 class CurrentStatus(Decided):

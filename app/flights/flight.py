@@ -192,7 +192,7 @@ class Flight(ABC):
         self._ahead_t, self._is_predicted = -inf, False
         self.verdict: Verdict | None = None
         self._facts = self.facts
-        self._shown = self._facts, self.verdict, self.exceedances.latched
+        self._shown = self._facts, self.verdict, self.exceedances.latched, self.call
         self._sent = self._current
         self._has_new_evidence = False
         n = n_before(monitor.lead, monitor.dt)
@@ -259,6 +259,8 @@ class Flight(ABC):
     @property
     def call(self) -> FlightMarker | None:
         """The newest of the most urgent calls in force; a new manoeuvre ends a call."""
+        if not self.markers:
+            return None
         markers, begun = self.markers.values(), self.begun
         cleared = max((m.number for m in markers if m.kind == "call_cleared"), default=0)
         calls = [m for m in markers if m.level is not Level.NONE and m.number > cleared]
@@ -385,6 +387,7 @@ class Flight(ABC):
         marker = FlightMarker(number, kind, self.head, at, self.clock.utc(), by, text)
         self.markers[number] = marker
         self._broadcast(MarkerSet(marker=marker).encode())
+        self._send_headline()
         self.recorder.add_event(marker, partial(self._note_marker, number))
         self.on_change()
         return marker
@@ -470,6 +473,7 @@ class Flight(ABC):
             for old in [n for n, known in self.markers.items() if known.stored][:-MARKERS_KEPT]:
                 del self.markers[old]
             self._broadcast(MarkerSet(marker=marker).encode())
+            self._send_headline()
 
     async def stop(self, reason: str) -> None:
         self._halt(reason)
@@ -741,7 +745,7 @@ class Flight(ABC):
             self._show()
 
     def _send_headline(self) -> None:
-        shown = self._facts, *_ = self.facts, self.verdict, self.exceedances.latched
+        shown = self._facts, *_ = self.facts, self.verdict, self.exceedances.latched, self.call
         if shown == self._shown:
             return
         self._shown, now = shown, self._current
@@ -752,8 +756,8 @@ class Flight(ABC):
 
     @property
     def _current(self) -> dict[str, Any]:
-        """Headline, verdict and latched exceedances, as sent."""
-        about = {"verdict": self.verdict, "latched": self.exceedances.latched}
+        """Headline, verdict, latched exceedances and call, as sent."""
+        about = {"verdict": self.verdict, "latched": self.exceedances.latched, "call": self.call}
         return self.headline._asdict() | about
 
     def _use_scene(self, act: "Callable[[Scene], object]") -> None:

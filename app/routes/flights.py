@@ -71,11 +71,6 @@ class FlightStatus(Decided):
         default="", description="why its newest sample was not assessed; empty if it was"
     )
     cause: Cause | None = Field(default=None, description="cause of that reason, as in a frame")
-    call: FlightMarker | None = Field(
-        default=None,
-        description="the call in force in a flight in progress, ABORT before KNOCK IT OFF; null "
-        "for none: it was cleared, or a manoeuvre began",
-    )
     age: float | None = Field(
         default=None,
         description="age of the newest sample of a live flight [s]; null for other flights",

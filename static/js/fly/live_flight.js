@@ -391,7 +391,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   /** Gauge, link, status, title, alarm line and scene change in one update. */
   function show(wall) {
     const condition = display?.refresh(wall) ?? null;
-    const headline = condition && { ...condition, call: markers.show(manoeuvres(), display.t ?? -Infinity) };
+    const headline = condition && { ...condition, call: markers.show(condition.call ?? null) };
     transport.moved(timeOf(display?.chart.newest ?? null));
     if (hello?.transport.seekable) following.draw(behind(wall));
     const text = `${connection.link} ${headline === null ? "" : textOf(headline, display.withdrawal)}`;

@@ -39,6 +39,7 @@ def test_markers_are_told_stored_kept_and_repeated_and_the_flight_goes_on(
         body = {"kind": "abort", "by": "test conductor", "text": "bang"}
         answer = server.client.post(path, json=body)
         told = markers_of(until(socket, lambda m: bool(m.get("marker", {}).get("stored"))))
+        until(socket, lambda m: m["type"] == "status" and m["call"]["stored"])
     assert answer.status_code == 201
     marker = answer.json()
     assert [one["stored"] for one in told] == [False, True]
@@ -54,6 +55,7 @@ def test_markers_are_told_stored_kept_and_repeated_and_the_flight_goes_on(
     with server.watch(flight) as socket:
         hello = msgspec.json.decode(socket.receive_text())
     assert hello["markers"] == listed
+    assert (hello["call"], status["call"]) == (listed[0], listed[0])  # the more urgent one
     assert [kind["kind"] for kind in hello["marker_kinds"]] == list(FLIGHT_MARKERS)
     server.client.post(f"{URL}/{flight}/end")
     assert server.client.get(path).json() == listed

@@ -11,8 +11,7 @@
  *     heard(marker)    a new call, from anyone.   unheard()    one was not set
  *   offer(kinds)     that may be set: {kind, word, meaning, level, shortcut}
  *   onMarker(marker) -> bool     whether it is new
- *   show(begun, t) -> the newest of the most urgent calls in force, null for none     begun: of manoeuvres [{t}]
- *     t: of the newest sample
+ *   show(call) -> the same with `about`: the call in force, as the server decided it; null for none
  *   keys             {key: act}, filled by offer;   shortcuts()   [[key, meaning, request]]
  * markerNote(marker) -> {event, flag}    for the event list and the strips
  */
@@ -31,7 +30,7 @@ const LONGEST_FLAG = 28; // letters of an event on the strips
 
 export function createFlightMarkers({ buttons, events, last, refused, entry }, { set, now, heard, unheard }) {
   const keys = {};
-  const known = new Map(); // by number
+  const known = new Set(); // numbers
   let kinds = [];
 
   function offer(given) {
@@ -114,24 +113,19 @@ export function createFlightMarkers({ buttons, events, last, refused, entry }, {
 
   function onMarker(marker) {
     const isNew = !known.has(marker.number);
-    known.set(marker.number, marker);
+    known.add(marker.number);
     if (isNew && marker.level === "none") return true; // an event
     if (marker.kind === refused.dataset.kind) refused.hidden = true; // set after all, by anyone
     if (isNew) heard(marker);
     return isNew;
   }
 
-  function show(begun, t) {
-    const all = [...known.values()];
-    const cleared = all.findLast(({ kind }) => kind === CLEAR)?.number ?? 0;
-    const goesOn = (call) => begun.some((manoeuvre) => manoeuvre.t > call.t && manoeuvre.t <= t);
-    const calls = all.filter((marker) => marker.level !== "none" && marker.number > cleared && !goesOn(marker));
-    const call = calls.findLast(({ level }) => level === "warning") ?? calls.at(-1) ?? null;
+  function show(call) {
     last.hidden = call === null;
     if (call === null) return null;
     last.dataset.level = LEVEL_OF[call.level];
     last.title = markerText(call);
-    const about = `${aboutCall(call)}${calls.every(({ stored }) => stored) ? "" : " · not stored yet"}`;
+    const about = `${aboutCall(call)}${call.stored ? "" : " · not stored yet"}`;
     put(last.firstChild, `${call.word} ${about}`);
     return { ...call, about };
   }
