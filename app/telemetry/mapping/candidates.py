@@ -169,7 +169,7 @@ def _with_unit(candidate: Candidate, match: NameMatch) -> Candidate | str:
         return candidate
     unit = spelled(text)
     if not unit:
-        return candidate.because(f"its unit {text!r} {where} is not a known unit")
+        return candidate.because(f"its unit {text!r} {where} is not a known unit", 0.8)
     why, certainty = f"its unit {where} is {unit}", candidate.certainty
     if target.unit == "rad/s" and unit in ("rad", "deg"):
         why, unit, certainty = f"{why}, taken as {unit}/s", f"{unit}/s", 0.85 * certainty

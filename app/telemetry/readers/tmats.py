@@ -315,6 +315,8 @@ def _scaling(given: dict[str, str], conversion: Attributes) -> Scaling | str:
         powers = {at[-1] if at else 0: _number(x) for at, x in conversion.get("CO", {}).items()}
         if higher := [power for power, x in powers.items() if power > 1 and x]:
             return f"its conversion is a polynomial of order {max(higher)}"
+        if (order := _whole(given.get("CO\\N", ""))) > max(1, *powers):
+            return f"its conversion lacks coefficients up to order {order}"
         return _checked(powers.get(1, 0.0), powers.get(0, 0.0))
     if way == "PRS":
         if given.get("PS1", "Y").upper() == "N":

@@ -71,6 +71,13 @@ def test_measurements_are_proposed_with_scale_and_unit(columns):
     )
 
 
+def test_a_unit_that_is_not_known_is_never_sure(columns):
+    read_columns, _, _ = columns({r"C-2\MN3:DEG/S;": r"C-2\MN3:FURLONGS;"})
+    rationale = propose(read_columns).rationales["p"]
+    assert rationale.confidence < 0.9
+    assert any("'FURLONGS' in the file is not a known unit" in each for each in rationale.reasons)
+
+
 def test_without_a_set_up_record_the_same_comes_from_bits_in_the_mapping(columns):
     read_columns, exact, _ = columns(setup="")
     bus = BUS.replace(" (NAV)", "")
@@ -135,6 +142,7 @@ NOT_LINEAR = r"C-1\CO\N:2;C-1\CO-2:1e-9;"
     ("changes", "note"),
     [
         ({r"C-1\CO\N:1;": NOT_LINEAR}, "its conversion is a polynomial of order 2"),
+        ({r"C-1\CO\N:1;": r"C-1\CO\N:3;"}, "its conversion lacks coefficients up to order 3"),
         ({r"C-1\DCT:COE": r"C-1\DCT:DER"}, "its conversion is of kind DER"),
         ({f"C-1\\CO-1:{SCALES['beta']!r}": r"C-1\CO-1:0"}, "its scale is zero or no number"),
         ({f"C-1\\CO-1:{SCALES['beta']!r}": r"C-1\CO-1:much"}, "its scale is zero or no number"),
