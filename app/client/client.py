@@ -13,6 +13,7 @@ import asyncio
 import random
 import secrets
 import socket
+import ssl
 import threading
 import time
 from collections.abc import Mapping
@@ -82,6 +83,8 @@ class LiveClient:
         headers = {"Authorization": f"Bearer {token}"} if token else {}
         self._options: dict[str, Any] = {"headers": headers, "timeout": REQUEST_S}
         self._options |= {"trust_env": False, "base_url": f"{self.url}/api/v1"}
+        if self.url.startswith("https:"):  # the system's authorities, as for WebSockets
+            self._options["verify"] = ssl.create_default_context()
         self._headers, self._udp_key = headers, udp_key
         self._samples = Outbox(MOST_VALUES_UDP if way == "udp" else MOST_VALUES, on_settled)
         self._thread: threading.Thread | None = None
@@ -412,8 +415,11 @@ class LiveClient:
             except httpx2.HTTPError as error:
                 is_broken = isinstance(error, httpx2.RemoteProtocolError | httpx2.ReadError)
                 if not is_broken or time.monotonic() > end:
+                    advice = "is the server running?"
+                    if "CERTIFICATE_VERIFY" in str(error):
+                        advice = "give its authority's certificate by SSL_CERT_FILE=FILE.pem"
                     raise ConnectionError(
-                        f"{self.url} does not answer ({error}): is the server running?"
+                        f"{self.url} does not answer ({error}): {advice}"
                     ) from error
             time.sleep(FIRST_WAIT_S)
         if answer.status_code in WRONG | UNREADABLE:

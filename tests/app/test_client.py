@@ -1,6 +1,11 @@
 """The client of live sources: everything it was given is durable, or it says so."""
 
+import shutil
+import ssl
+import subprocess
+import threading
 from collections.abc import Iterator
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any, get_args
 
@@ -42,6 +47,28 @@ def test_all_that_was_sent_is_durable_once_the_client_is_left(server: LiveServer
         send(client, 0, 400)
     assert (client.sent, client.durable, client.refused) == (400, 400, 0)
     assert sorted(journal_samples(server.root, flight)) == [DT * k for k in range(400)]
+
+
+def test_an_authority_of_the_range_is_trusted_once_it_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if shutil.which("openssl") is None:
+        pytest.skip("openssl is not installed")
+    making = "openssl req -x509 -newkey rsa:2048 -nodes -days 1 -subj /CN=localhost"
+    making += f" -keyout {tmp_path}/key -out {tmp_path}/pem -addext subjectAltName=DNS:localhost"
+    subprocess.run(making.split(), check=True, capture_output=True)
+    own = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+    own.load_cert_chain(tmp_path / "pem", tmp_path / "key")
+    with ThreadingHTTPServer(("127.0.0.1", 0), SimpleHTTPRequestHandler) as server:
+        server.socket = own.wrap_socket(server.socket, server_side=True)
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        url = f"https://localhost:{server.server_port}"
+        with pytest.raises(ConnectionError, match="SSL_CERT_FILE"):
+            LiveClient(url).in_progress()
+        monkeypatch.setenv("SSL_CERT_FILE", str(tmp_path / "pem"))
+        with pytest.raises(PushFailed, match="404"):
+            LiveClient(url).in_progress()
+        server.shutdown()
 
 
 @pytest.mark.parametrize("way", get_args(Way))
