@@ -107,9 +107,13 @@ GROWN = """() => {
     CanvasRenderingContext2D.prototype.fillText = write;
     const wide = (name) => document.querySelector(name).getBoundingClientRect().width;
     const size = (name) => parseFloat(getComputedStyle(document.querySelector(name)).fontSize);
-    return [Math.min(...words), size(".readout-value"), size(".event-list"), wide(".side-column")];
+    const box = document.querySelector("#box") ?? document.createElement("input");
+    Object.assign(box, { type: "checkbox", id: "box" });
+    document.querySelector(".side-column").append(box);
+    const texts = [Math.min(...words), size(".readout-value"), size(".event-list")];
+    return [...texts, wide(".side-column"), wide("#box")];
 }"""
-"""Sizes of the texts of canvas, readouts and events, and the width of the side column [px]."""
+"""Sizes of the texts of canvas, readouts and events, widths of the side column and a box [px]."""
 
 
 def test_texts_canvases_and_panels_grow_with_the_screen(strips: Open) -> None:

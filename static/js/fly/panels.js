@@ -1,7 +1,7 @@
 /**
  * The panels of a flight on the page, and words that several of them share.
  *
- * createFlightPanels(element, address) -> {name: element}     view: holds the others.   refused: of a marker that was not set
+ * createFlightPanels(element, address, isOver = false) -> {name: element}     isOver: an ended flight has neither scene, gauge nor card.   view: holds the others.   refused: of a marker that was not set
  *     arranged, alone: of ../charts/arranging/side_panels.js
  * liveZero(live)    for setZero of ../lib/clock.js
  * windowOf({duration, lead}) -> s     width of the strips; a short flight fills them
@@ -29,7 +29,7 @@ export function cautionText({ kind, reason, cause }, at = "") {
   return `${withdrawn ?? CAUTION_WORDS[kind]}${at}: ${reasonOf({ cause, reason })}`;
 }
 
-export function createFlightPanels(element, address) {
+export function createFlightPanels(element, address, isOver = false) {
   const part = (tag, name, ...children) => h(tag, { class: name }, ...children);
   const panels = {
     status: h("section", { "aria-label": "Status" }),
@@ -58,15 +58,12 @@ export function createFlightPanels(element, address) {
   const left = part("div", "strips-column", panels.alarm, panels.refused, panels.marker, panels.entry, panels.problem, panels.notice, panels.monitors, panels.limits, panels.address, panels.strips);
   const scene = part("div", "scene-cell", panels.scene, panels.lost);
   const gauge = part("section", "gauge-panel", panels.gauge, panels.rest, panels.ahead);
-  const right = part("div", "side-column", scene, gauge, panels.events, panels.card);
+  const events = { label: "Events", element: panels.events };
+  const beside = isOver ? { events } : { scene: { label: "Scene", element: scene }, gauge: { label: "Gauge", element: gauge }, events, card: { label: "Test card", element: panels.card } };
+  const right = part("div", "side-column", ...Object.values(beside).map((each) => each.element));
   panels.view = part("div", "flight", h("h1", { class: "visually-hidden" }, "Flight"), panels.status, part("div", "fly", left, right), panels.transport, panels.wall);
   element.replaceChildren(panels.view);
-  panels.arranged = arrangePanels(address, right, {
-    scene: { label: "Scene", element: scene },
-    gauge: { label: "Gauge", element: gauge },
-    events: { label: "Events", element: panels.events },
-    card: { label: "Test card", element: panels.card },
-  });
+  panels.arranged = arrangePanels(address, right, beside);
   panels.alone = showAlone(panels.view, address, panels.arranged);
   return panels;
 }

@@ -20,7 +20,6 @@ import { startFlight, warningLines } from "../lib/monitors.js";
 import { counted, magnitudeIn, quantity } from "../lib/numbers.js";
 import { markerNote, markerText } from "./alarms/flight_markers.js";
 import { summaryLines } from "./assessment/risk_ahead.js";
-import { createRiskGauge } from "./assessment/risk_gauge.js";
 import { putLines } from "./flight_limits.js";
 import { alertLevel, usedEvents } from "./flight_monitors.js";
 import { LEVEL_OF, resultOf } from "./headline.js";
@@ -49,13 +48,12 @@ const MOST = 100_000; // samples of a record that are drawn
 export function showFlightRecord(element, { flight, why, reopen, api, navigate }) {
   const path = `/flights/${encodeURIComponent(flight.id)}`;
   const address = createAddress();
-  const panels = createFlightPanels(element, address);
+  const panels = createFlightPanels(element, address, true);
   element.dataset.flight = "over";
   const status = createStatusStrip(panels.status);
   const wall = createWall(panels.wall, panels.view, address);
   const life = new AbortController();
   bindShortcuts(wall.keys, {}, life.signal);
-  const gauge = createRiskGauge(panels.gauge);
   const source = sourceText(flight.source, flight.name);
   const nothing = { age: NaN, latency: NaN, skipped: 0, lost: flight.lost, unwritten: 0, problem: "", utc: null };
   const shown = { mode: flight.mode, source, monitor: [flight.monitor_set?.name ?? flight.monitors[0].name], warnings: flight.warnings, link: "over", staleAfter: 1, playing: false, live: false, headline: null, figures: nothing };
@@ -63,7 +61,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
   const isLive = flight.mode === "live";
   const late = flight.live?.late ?? [];
   const isOpen = isLive && flight.progress === "interrupted" && flight.recording === null; // its source may continue it, and a person may end it
-  const latched = flight.exceedances.map(({ channel, first_t: t, worst: value }) => ({ channel, t, value }));
+  const latched = flight.exceedances.map(({ channel, first_t: t, worst: value, recorded }) => ({ channel, t, value, recorded }));
   let channels = []; // before they are read
   let chart = null;
   let closed = false;
@@ -72,8 +70,6 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
   panels.alarm.remove();
   panels.transport.remove();
   panels.address.remove();
-  panels.scene.classList.add("scene-panel");
-  panels.scene.append(state("empty", "Flight ended", "The scene is shown during the flight."));
   panels.notice.hidden = false;
   const failure = errorLine();
   const fail = (error) => failure.show(reason(error));
@@ -84,7 +80,6 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
   const acknowledgeButton = button("", () => failure.attempt(acknowledge), { ...small, hidden: true, ...needs("POST /flights/{}/alarms/{}/acknowledge") });
   let waiting = [];
   panels.notice.append(...[
-    verdictLine(flight),
     h("p", h("strong", `This flight ${HOW[flight.progress] ?? "is over"}${because(flight.end_reason || why)}${endedAt(flight)}. `), "Its record is shown."),
     h("div.row",
       acknowledgeButton,
@@ -112,15 +107,11 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
       chart?.setCursor(t);
     },
   });
-  entitle();
-
-  /** The result, in the status line and on the gauge. */
   function showResult(now) {
     shown.result = resultOf(now);
     status.update(shown);
+    document.title = `${now.verdict || now.level !== "none" ? `${shown.result.words} – ` : ""}${flight.name} – Forewarn`;
     showWall();
-    gauge.update({ state: "over", reason: "the flight has ended", alertAbove });
-    gauge.draw(performance.now());
   }
 
   function showWall() {
@@ -131,11 +122,6 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
   marked.then(showMarkers, fail);
   load().catch(fail);
   offerToAcknowledge().catch(fail);
-
-  function entitle() {
-    const words = panels.notice.querySelector(".verdict")?.textContent;
-    document.title = `${words ? `${words} – ` : ""}${flight.name} – Forewarn`;
-  }
 
   /** The markers set in flight, at the head of the record. */
   function showMarkers(markers) {
@@ -189,12 +175,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
 
   async function acknowledge() {
     for (const { id } of waiting) events.add(acknowledgementOf(await api.post(`${path}/alarms/${id}/acknowledge`), isLive));
-    const over = await api.get(path);
-    showResult(over);
-    const now = verdictLine(over);
-    panels.notice.querySelector(".verdict")?.remove();
-    if (now !== null) panels.notice.prepend(now);
-    entitle();
+    showResult(await api.get(path));
     await offerToAcknowledge();
   }
 
@@ -278,13 +259,6 @@ function sourceLine({ mode, live, lost }) {
   const words = live ? lossText(live) : ["counts unknown: the server was killed during the flight"];
   if (lost > 0) words.push(`samples not recorded: ${lost.toLocaleString("en")}`);
   return h("p", { class: "source-result" }, h("strong", {}, "Live source: "), words.join(" · "));
-}
-
-/** The result; never calm for a flight that exceeded its limit. */
-function verdictLine(flight) {
-  if (!flight.verdict && flight.level === "none") return null;
-  const { words, level } = resultOf(flight);
-  return h("strong", { class: "chip verdict", "data-level": level }, words);
 }
 
 /** Count, newest and worst of each channel: the verdict names only the first exceedance. */

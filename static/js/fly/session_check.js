@@ -142,7 +142,7 @@ export function showSessionCheck(element, { query, api }) {
       trips.sort((a, b) => a.took - b.took);
       const [best, worst] = [trips[0], trips.at(-1)];
       say("link", worst.took <= SLOW, `round trip ${trips[TRIPS / 2].took.toFixed(0)} ms, longest of ${TRIPS} ${worst.took.toFixed(0)} ms (at most ${SLOW} ms)`);
-      say("clock", Math.abs(best.apart) - best.took / 2 <= WRONG, `server ${(best.apart / 1000).toFixed(2).replace("-", "−")} s against this browser, ± ${(best.took / 2000).toFixed(2)} s (at most ${WRONG / 1000} s)`);
+      say("clock", Math.abs(best.apart) - best.took / 2 <= WRONG, `server ${(best.apart / 1000).toFixed(2).replace(/^-0\.00$/, "0.00").replace("-", "−")} s against this browser, ± ${(best.took / 2000).toFixed(2)} s (at most ${WRONG / 1000} s)`);
     }
 
     function chooseVoice() {

@@ -58,8 +58,8 @@ export function createStatusStrip(element) {
     const isTimed = live && !recorded;
     show("link", ...(isTimed ? linkOf(link) : [""]));
     show("utc", isTimed ? (figures.utc?.toISOString().slice(11, 19) ?? "–") : "");
-    show("age", ...(from === "live" ? ageOf() : [""]));
-    show("latency", ...(from === "live" ? latencyOf() : [""]));
+    show("age", ...(live && from === "live" ? ageOf() : [""]));
+    show("latency", ...(live && from === "live" ? latencyOf() : [""]));
     const rest = figures.lost === 0 ? " (all recorded)" : "";
     show("skipped", figures.skipped > 0 ? `skipped ${counted(figures.skipped, "sample")}${rest}` : "", "caution");
     show("record", ...(recorded ? [""] : live && link === "lost" ? ["–", "off"] : recordOf(figures)));
@@ -80,7 +80,6 @@ export function createStatusStrip(element) {
     }
 
     function ageOf() {
-      if (!live) return ["ended", "off"];
       if (!Number.isFinite(figures.age)) return ["–", "off"];
       if (linked && !playing) return ["paused", "off"];
       return [`${figures.age.toFixed(1)} s`, figures.age > staleAfter ? "caution" : ""];

@@ -34,7 +34,7 @@ export function createTestCard(element) {
   const next = h("p.card-next", { role: "status", "aria-live": "off" });
   const plots = h("div.card-plots");
   const condition = h("dl.card-condition");
-  element.append(h("div.card-head", h("h2.risk-ahead-heading", "test card"), point), h("ol.card-phases", { "aria-label": "Phase" }, chips), next, plots, condition);
+  element.append(h("div.card-head", h("h2.risk-ahead-heading", "test card"), next), point, h("ol.card-phases", { "aria-label": "Phase" }, chips), plots, condition);
   let card = null;
   let channels = [];
   let inputs = [];
@@ -48,8 +48,9 @@ export function createTestCard(element) {
     channels = hello.channels;
     drawn = "";
     const { point: planned, why } = card;
-    const words = planned === null ? "no campaign" : `${planned.number} of ${planned.points}: ${planned.name} · ${planned.campaign_name}`;
+    const words = planned === null ? "" : `${planned.number} of ${planned.points}: ${planned.name} · ${planned.campaign_name}`;
     put(point, words);
+    point.hidden = planned === null;
     point.title = words;
     inputs = card.inputs.map(createInput);
     plots.replaceChildren(...(why ? [h("p.card-none", `No planned input: ${why}.`)] : inputs.map(({ element: each }) => each)));

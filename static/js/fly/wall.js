@@ -144,8 +144,8 @@ function rowOf(channel) {
     const basis = hasSensor ? sensorText(now, sensor) : "";
     const limit = exceeded && magnitudeIn(now, limits[isBeyond(limits, exceeded.value)[0] ? 0 : 1]);
     put(value, exceeded ? `▲ ${quantity(now, exceeded.value)}` : current); // the peak is the state; the current value is not
-    const text = exceeded ? `peak${sensorPeak(now, exceeded)}, limit ${limit}; now ${current} ${basis}` : `limit ${limitText(now, limits)} ${basis}`;
-    if (text !== shown) words.replaceChildren(formatted(text));
+    const text = exceeded ? `peak${sensorPeak(now, exceeded)}, limit ${limit}${known ? `; now ${current} ${basis}` : ""}` : `limit ${limitText(now, limits)} ${basis}`;
+    if (text !== shown) words.replaceChildren(formatted(text.replace(/(?<=\d) (?=\S)/g, "\u00a0")));
     shown = text;
     item.toggleAttribute("data-over", known && margin >= 1);
     item.toggleAttribute("data-exceeded", exceeded !== null);

@@ -122,8 +122,11 @@ export function loading(text) {
 export const empty = (...parts) => state("empty", ...parts);
 
 export function failure(error, again) {
-  const isRefused = error.status === 403; // so is the next request
-  const actions = again && !isRefused ? [button("Try again", again)] : [];
+  const isRefused = error.status === 403;
+  const isFinal = isRefused || error.status === 404; // so is the next request
+  const list = location.hash.split(/[/?]/, 2).join("/");
+  const back = error.status === 404 && list !== location.hash ? [h("a.button", { href: list }, "Back to the list")] : [];
+  const actions = again && !isFinal ? [button("Try again", again)] : back;
   return state("error", isRefused ? "Not shown to your role" : "This could not be shown", reason(error), ...actions);
 }
 

@@ -259,8 +259,9 @@ def test_a_paused_flight_says_so_on_desk_wall_and_list_and_names_itself(fly: Fly
     page.goto(f"{fly.site.http}/#/fly")
     row = page.locator(".flight-row", has_text="card 4 b")
     expect(row.locator(".chip").last).to_have_text("PAUSED")
-    for _ in ("flight", "record"):
+    for mode in ("simulated", "record"):
         page.goto(f"{fly.site.http}/#/fly/{fly.flight}")
+        expect(page.locator(".mode")).to_have_attribute("data-mode", mode)
         expect(fly.status("source")).to_have_text("card 4 b, seed 7, safe")
         page.keyboard.press("w")
         expect(page.locator(".wall-flight")).to_have_text(f"card 4 b · {monitor['name']}")
@@ -412,8 +413,14 @@ def test_the_record_of_a_flight_that_exceeded_says_how_it_was_warned(fly: Fly) -
     expect(fly.status("state")).to_have_text(f"▲ EXCEEDING · PAUSED · {warning}")
     fly.ask("POST", f"/flights/{fly.flight}/end")
     said = f"LIMIT EXCEEDED, {warning.replace('W', 'w')}"
-    expect(fly.page.locator(".verdict")).to_contain_text(said)
     expect(fly.status("state")).to_have_text(f"▲ {said}")
+    expect(fly.page.locator("main")).to_contain_text(said)
+    assert fly.page.locator("main").inner_text().count(said) == 1, "one fact, one place"
+    expect(fly.page.locator(".gauge-panel, .scene-cell")).to_have_count(0)
+    fly.page.set_viewport_size({"width": 1440, "height": 900})
+    word = fly.page.locator(".state-word").bounding_box()
+    assert word is not None
+    assert word["height"] < 30, "one line"
     expect(fly.status("test")).to_have_text(UNTESTED)
     expect(fly.page.locator(".notice .monitor-warning").first).to_contain_text("was not tested")
     fly.page.goto(f"{fly.site.http}/#/fly")
@@ -432,7 +439,7 @@ def test_alarms_of_a_flight_that_is_over_are_acknowledged_on_its_record(fly: Fly
     fly.watch(UNSAFE, ("pause", None), ("next_alert", None))
     fly.event("alert, risk").wait_for()
     fly.ask("POST", f"/flights/{fly.flight}/end")
-    expect(fly.page.locator(".verdict")).to_contain_text("ALARM")
+    expect(fly.status("state")).to_contain_text("ALARM")
     button = fly.page.get_by_role("button", name="Acknowledge 1 alarm")
     button.click()
     expect(button).to_be_hidden()
@@ -763,7 +770,7 @@ def test_after_a_restart_of_the_server_the_record_is_shown_and_flown_again(
     notice = fly.page.locator(".notice")
     expect(notice).to_contain_text("This flight was ended", timeout=20_000)
     expect(fly.page.locator(".strip canvas").first).to_be_visible()
-    fly.assert_no_number()
+    expect(fly.page.locator(".gauge-number")).to_have_count(0)
     fly.event("alert, risk").wait_for()
     notice.get_by_role("button", name="Fly it again").click()
     fly.connected()
@@ -968,7 +975,7 @@ def test_a_list_of_flights_out_of_date_is_marked(fly: Fly, allowed_errors: list[
 def test_the_title_of_a_record_says_what_its_flight_came_to(fly: Fly) -> None:
     fly.watch(UNSAFE, ("pause", None), ("next_alert", None), ("step", 30))
     fly.ask("POST", f"/flights/{fly.flight}/end")
-    verdict = fly.page.locator(".verdict")
+    verdict = fly.status("state")
     expect(verdict).to_contain_text("LIMIT EXCEEDED")
     expect(fly.page).to_have_title(re.compile(f"{re.escape(verdict.inner_text())} – simulated"))
 

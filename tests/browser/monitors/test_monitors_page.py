@@ -562,14 +562,31 @@ def test_a_downloaded_monitor_is_uploaded_again_and_deleted(
     expect(page.locator("tbody tr")).to_have_count(1)
 
 
-def test_an_unknown_monitor_is_an_error_that_can_be_tried_again(
+def test_an_unknown_monitor_is_an_error_that_leads_back_to_the_list(
     page: Page, site: Site, allowed_errors: list[str]
 ) -> None:
     allowed_errors.append("404")
     page.goto(f"{site.http}/#/monitors/0123456789ab")
     state = page.locator(".state-error")
     expect(state).to_contain_text("0123456789ab")
-    expect(state.get_by_role("button", name="Try again")).to_be_visible()
+    expect(state.get_by_role("button", name="Try again")).to_have_count(0)
+    state.get_by_role("link", name="Back to the list").click()
+    expect(page.get_by_role("heading", level=1)).to_have_text("Monitors")
+
+
+def test_a_long_name_pushes_no_button_of_the_list_out_of_sight(own_page: Page, site: Site) -> None:
+    page, long = own_page, "transonic_flutter_expansion_block_4_point_017_revision_2_of_3"
+
+    def renamed(route: Route) -> None:
+        (monitor, *_) = route.fetch().json()
+        route.fulfill(json=[monitor | {"name": long}])
+
+    page.route("**/api/v1/monitors", renamed)
+    page.set_viewport_size({"width": 1440, "height": 900})
+    page.goto(f"{site.http}/#/monitors")
+    scroll = page.locator(".table-scroll")
+    expect(scroll).to_contain_text(long)
+    assert scroll.evaluate("({ scrollWidth, clientWidth }) => scrollWidth <= clientWidth")
 
 
 def test_methods_and_rules_of_others_are_compared_on_a_dataset(page: Page, site: Site) -> None:

@@ -519,6 +519,12 @@ def test_a_long_name_fits_at_every_width(page: Page, site: RecordedSite) -> None
         for width in (1440, 1024, 420):
             page.set_viewport_size({"width": width, "height": 800})
             assert overflow(page) <= 0, (address, width)
+    page.goto(f"{site.http}/#/recordings")
+    page.set_viewport_size({"width": 1024, "height": 800})
+    word = "(chip) => (chip.textContent = 'confirmed over a warning')"
+    page.locator(".recording-table .chip").first.evaluate(word)
+    beyond = "({ scrollWidth, clientWidth }) => scrollWidth - clientWidth"
+    assert page.locator(".table-scroll").first.evaluate(beyond) <= 0
 
 
 def test_a_recording_without_the_condition_is_scored_by_a_set_that_is_given_it(

@@ -6,7 +6,7 @@
  *
  * createRiskGauge(element, timeline) -> {update(reading), draw(wall, headline)}     timeline: the strips' clock
  *     reading: {p_value, alertAbove, state, alert, reason, said}, as a frame has them
- *       state: also over (the flight has ended), or null for no data
+ *       state: null for no data
  *       said: cause of the last sample, where none follows
  */
 
@@ -22,7 +22,6 @@ const SWEEP = 230;
 const MARGIN = 30; // of the dial on either side, for alertAbove's label
 const LARGEST = 30; // letters of the word
 const [WIDEST, BOLD] = [204, 0.75]; // inside of the dial; width of a letter as a share of its size
-const WORDS = { ...STATE_WORDS, over: "ENDED" };
 const SHAPES = {
   alert: "M0-14L15 12H-15ZM0-6V4M0 7.5v1",
   warming_up: "M-9-13H9L-9 13H9Z",
@@ -82,7 +81,7 @@ export function createRiskGauge(element, timeline = null) {
       const tip = polar(at, RADIUS - 13);
       needle.setAttribute("transform", `translate(${tip.x} ${tip.y}) rotate(${angle(at) - 90})`);
     }
-    describe(assessed, digits, alertAbove, why || WORDS[key]);
+    describe(assessed, digits, alertAbove, why || STATE_WORDS[key]);
   }
 
   /** "ok" where there is a risk, else the state in its place. */
@@ -96,7 +95,7 @@ export function createRiskGauge(element, timeline = null) {
   }
 
   function drawFace(key, assessed, isAlert) {
-    const text = assessed ? "" : WORDS[key];
+    const text = assessed ? "" : STATE_WORDS[key];
     word.textContent = text;
     word.setAttribute("font-size", String(fitting(text)));
     const sign = assessed ? isAlert && SHAPES.alert : (SHAPES[WITHDRAWN.includes(key) ? "invalid" : key] ?? SHAPES.none);
