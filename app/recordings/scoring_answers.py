@@ -1,8 +1,9 @@
 """Scorings as plain data."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -42,15 +43,26 @@ def answers(
     """
     contents = _contents(scored, infos)
     used = [(info.monitor_id, info.epsilon) for info in infos]
-    monitors = scored.store.monitors.used(used)
+    of_sets = [[(case["monitor"], None) for case in _cases(info)] for info in infos]
+    monitors = scored.store.monitors.used(chain(used, *of_sets))
     return [
         _answer(info, monitors[pair], verified or scored.verified(info))
         | {
+            "warnings": _warnings(monitors[each] for each in members or [pair] if each in monitors),
             "alert_above": monitors[pair].alert_above(info.epsilon),
             "time_zero": _time_zero(contents, info),
         }
-        for info, pair in zip(infos, used, strict=True)
+        for info, pair, members in zip(infos, used, of_sets, strict=True)
     ]
+
+
+def _warnings(monitors: Iterable[MonitorInfo]) -> list[str]:
+    return [*dict.fromkeys(chain.from_iterable(each.warnings for each in monitors))]
+
+
+def _cases(info: ScoringInfo) -> list[dict[str, Any]]:
+    """Of the monitor set that it was scored by; empty for one monitor."""
+    return info.request.get("monitor_set", {}).get("cases", [])
 
 
 def _contents(scored: ScoredRecordings, infos: list[ScoringInfo]) -> Contents | None:
@@ -79,7 +91,6 @@ def _answer(info: ScoringInfo, monitor: MonitorInfo, verified: bool) -> dict[str
         "damage": info.damage,
         "recording": info.recording_id,
         "monitor": info.monitor_id,
-        "warnings": monitor.warnings,
         "verified": verified,
         "channels": [channel.model_dump() for channel in channels],
     }

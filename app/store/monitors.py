@@ -233,7 +233,7 @@ class MonitorRepository(Entries[MonitorInfo]):
     ) -> dict[tuple[str, float | None], MonitorInfo]:
         """Monitors by id and the epsilon they are used with, None for their own.
 
-        Their warnings are for this epsilon.
+        Their warnings are for this epsilon. Without those that were deleted.
         """
         wanted = set(pairs)
         query = self._query().where(monitors.c.id.in_({identity for identity, _ in wanted}))
@@ -242,6 +242,7 @@ class MonitorRepository(Entries[MonitorInfo]):
         return {
             (identity, epsilon): self._entry(rows[identity], epsilon)
             for identity, epsilon in wanted
+            if identity in rows
         }
 
     def delete(self, monitor_id: str) -> None:

@@ -127,6 +127,17 @@ def test_a_scoring_by_the_set_is_what_the_flight_showed(sets: Sets, way: str, tr
     assert all(manoeuvre["monitor"] in text for manoeuvre in scoring["manoeuvres"])
 
 
+def test_a_scoring_by_the_set_has_the_warnings_of_each_of_its_monitors(
+    sets: Sets, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recording = sets.file_of(Y, WAYS["a_change"])
+    scoring, _ = sets.scored(recording)
+    told = lambda evaluation, epsilon, **_: [f"at {epsilon:g}"]  # noqa: E731
+    monkeypatch.setattr("app.store.monitors.warnings_of", told)
+    path = f"{RECORDINGS}/{recording}/scorings/{scoring['id']}"
+    assert sets.client.get(path).json()["warnings"] == ["at 0.3", "at 0.2"]
+
+
 def test_a_file_with_the_condition_is_scored_by_the_set_too(sets: Sets) -> None:
     sent = WAYS["a_change"]
     flight = sets.flown_by_set(Y, sent, "detected")
