@@ -9,16 +9,18 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from app.assessment.coverage import why_outcome_unknown, why_warning_unknown
+from app.assessment.coverage import why_exceedance_unknown, why_outcome_unknown, why_warning_unknown
 from app.assessment.limits_history import LimitsHistory, SetHistory
 from app.assessment.outcome import (
     MOST_OUTSIDE,
     OUTCOMES,
+    Hole,
     Limited,
     RecordedExceedance,
     against_limits,
     alert_times,
     exceedances_outside,
+    holes_in,
     notes_on_outside,
     outcome,
 )
@@ -119,6 +121,7 @@ def score_at_each(
     outside = _outside(flight, judged)
     used = [f"{flight.use[0].upper()}{flight.use[1:]}."] if flight.use else []
     notes = (*used, *flight.notes, *notes, *notes_on_outside(outside, monitor.dictionary))
+    notes += _missing_outside(flight, judged)
     checks = compatibility(flight.traces) if monitor.dictionary == LATERAL else ()
     t = flight.recording.t
     timeline = flight.timeline
@@ -278,6 +281,24 @@ def _outside(flight: RecordedFlight, judged: list[JudgedSegment]) -> tuple[Recor
         trims,
         flight.timeline,
     )
+
+
+def _missing_outside(flight: RecordedFlight, judged: list[JudgedSegment]) -> tuple[str, ...]:
+    """A note that a limit may have been exceeded outside every manoeuvre; empty if none was."""
+    t = flight.recording.t
+    start, end = float(t[0]), float(t[-1])
+    inside = [(t[each.first], t[each.stop - 1]) for each in judged]
+    holes = list[Hole]()
+    for key in {peak.channel: None for each in judged for peak in each.limited.peaks}:
+        if (trace := flight.judged.channels.get(key)) is not None:
+            known = trace.t[np.isfinite(trace.values)]
+            holes += [
+                hole
+                for hole in holes_in(key, known, start, end)
+                if all(hole.end <= first or hole.start >= last for first, last in inside)
+            ]
+    why = why_exceedance_unknown(holes, end - start, flight.monitor.dt)
+    return (f"Data missing outside every manoeuvre: {why}.",) if why else ()
 
 
 def _assessed(

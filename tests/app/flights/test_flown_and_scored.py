@@ -109,3 +109,11 @@ def test_an_abort_after_the_alert_is_told_by_the_record_too(tmp_path: Path) -> N
     calls = [(len(y) - 1) * DT]
     both = flown_and_scored(tmp_path, in_order(y), calls=calls)
     assert words(both) == ("ABORTED AFTER THE ALERT",) * 2
+
+
+def test_data_missing_at_rest_are_told_by_the_scoring_too(tmp_path: Path) -> None:
+    y = doublets(fail=False)[0]
+    both = flown_and_scored(tmp_path, in_order(with_channel(y, "Ny", np.nan, 20, 26)))
+    assert both.record.verdict is not None
+    why = both.record.verdict.text.removeprefix("DATA MISSING: ")
+    assert f"Data missing outside every manoeuvre: {why}." in both.scored.notes
