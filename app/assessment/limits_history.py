@@ -7,9 +7,15 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from app.assessment.limits_in_force import LimitsInForce, LimitsRule, LimitsRuling
 from app.assessment.monitors_in_use import MonitorRuling, MonitorsInUse, MonitorsRule
-from app.assessment.rulings import CONDITION_VALID_S, ROUNDING, Ruling
+from app.assessment.rulings import (
+    CONDITION_VALID_S,
+    ROUNDING,
+    LimitsInForce,
+    LimitsRule,
+    LimitsRuling,
+    Ruling,
+)
 from app.telemetry.contents import Columns
 from app.telemetry.mapping.mapping import Mapping as ChannelMapping
 from app.telemetry.mapping.mapping import TimeSource

@@ -17,7 +17,6 @@ from app.assessment.grid import (
     Sample,
 )
 from app.assessment.input_checks import Doubt, InputChecks, TrimCheck
-from app.assessment.limits_in_force import LimitsInForce, LimitsRule
 from app.assessment.monitors_in_use import (
     MonitorRuling,
     MonitorsInUse,
@@ -29,7 +28,7 @@ from app.assessment.planned_test import (
     known_test,
     needed_channels,
 )
-from app.assessment.rulings import ConditionHold, Ruling
+from app.assessment.rulings import ConditionHold, LimitsInForce, LimitsRule, Ruling
 from app.assessment.trim import CausalTrim
 from core.channels import LATERAL
 from core.conditions import Condition, ConditionKey

@@ -16,16 +16,14 @@ import numpy as np
 
 from app.assessment.grid import Angles, IntegratedAngles
 from app.assessment.input_checks import Doubt
-from app.assessment.limits_in_force import LimitsInForce, RequestedLimits
 from app.assessment.monitors_in_use import MonitorRuling, MonitorsInUse
-from app.assessment.rulings import InForceFrom, Ruling
+from app.assessment.rulings import InForceFrom, LimitsInForce, RequestedLimits, Ruling
 from app.flights.alarms import Alarms
 from app.flights.clock import Clock, Timer
 from app.flights.display_monitors import DisplayMonitor, flown_monitor, no_rest
 from app.flights.flight_limits import NO_SAMPLE, InForce
 from app.flights.planned_card import planned_card
 from app.flights.recorder import Recorder
-from app.flights.screens import Screens
 from app.flights.transport import NotPossible, TransportError
 from app.flights.verdict import (
     BEFORE,
@@ -41,7 +39,7 @@ from app.flights.verdict import (
     verdict,
     verdict_of_recording,
 )
-from app.flights.watcher import CREDIT, RecentFrames, Watcher
+from app.flights.watcher import CREDIT, RecentFrames, Screens, Watcher
 from app.messages import (
     AlarmRaised,
     CardAhead,

@@ -5,14 +5,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
-from app.assessment.limits_in_force import (
+from app.assessment.monitors_in_use import MonitorRuling, MonitorsInUse
+from app.assessment.rulings import (
+    InForceFrom,
     LimitsInForce,
     LimitsRuling,
     RequestedLimits,
+    Ruling,
     check_plausible,
 )
-from app.assessment.monitors_in_use import MonitorRuling, MonitorsInUse
-from app.assessment.rulings import InForceFrom, Ruling
 from app.flights.display_monitors import ALIKE, DisplayMonitor
 from app.flights.flight_monitors import member, set_status
 from app.flights.sources.simulated import SourceError

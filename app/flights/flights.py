@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Self
 
-from app.assessment.limits_in_force import LimitsInForce
+from app.assessment.rulings import LimitsInForce
 from app.flights.clock import Clock, MonotonicClock, Timer
 from app.flights.ended import before_exceedance, summarize
 from app.flights.flight import Flight, FlightPlan, stale_after

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from app.assessment.limits_in_force import RequestedLimits
 from app.assessment.monitors_in_use import MonitorsInUse, MonitorsRule
+from app.assessment.rulings import RequestedLimits
 from app.flights.display_monitors import DisplayMonitor, check_alike, check_has_limits
 from app.flights.flight import FlightPlan
 from app.flights.flight_limits import change_of_limits

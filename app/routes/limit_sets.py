@@ -6,7 +6,7 @@ from typing import Annotated, Self
 from fastapi import APIRouter, Path
 from pydantic import BaseModel, Field, JsonValue, model_validator
 
-from app.assessment.limits_in_force import check_plausible
+from app.assessment.rulings import check_plausible
 from app.flights.flight_limits import to_store
 from app.http.problems import problem_responses
 from app.json_codec import Whole

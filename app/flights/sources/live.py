@@ -19,9 +19,8 @@ import msgspec
 import numpy as np
 
 from app.assessment.batches import Batch, ChannelReader, decode_batch
-from app.assessment.limits_in_force import LimitsInForce
 from app.assessment.monitors_in_use import MonitorsInUse
-from app.assessment.rulings import Ruling
+from app.assessment.rulings import LimitsInForce, Ruling
 from app.assessment.scorer import (
     CausalScorer,
     LiveAssessed,

@@ -6,9 +6,8 @@ of these assessed samples is shown when; they cannot change a score.
 
 from typing import Any
 
-from app.assessment.limits_in_force import LimitsInForce, LimitsRule
 from app.assessment.monitors_in_use import MonitorsRule
-from app.assessment.rulings import Ruling
+from app.assessment.rulings import LimitsInForce, LimitsRule, Ruling
 from app.flights.alarms import gives_alarm
 from app.flights.flight import Flight, FlightPlan, beyond_of, stale_after
 from app.flights.sources.playback import Script

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from app.assessment.limits_history import LimitsHistory
-from app.assessment.limits_in_force import LimitsInForce
+from app.assessment.rulings import LimitsInForce
 from app.telemetry.contents import open_columns
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
 from app.telemetry.reading import read_file

@@ -5,7 +5,7 @@ import pytest
 
 from app.assessment import Interval, MissingChannels, ScoringRecipe, score
 from app.assessment.limits_history import LimitsHistory
-from app.assessment.limits_in_force import LimitsInForce
+from app.assessment.rulings import LimitsInForce
 from app.telemetry.recording import Trace, Traces
 from app.telemetry.timing.repair import repair
 from core.channels import Dictionary, channel

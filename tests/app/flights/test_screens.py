@@ -1,7 +1,7 @@
 import pytest
 
-from app.flights.screens import Screens
 from app.flights.transport import NotPossible
+from app.flights.watcher import Screens
 
 
 @pytest.fixture
