@@ -36,6 +36,8 @@ DELAY_INTERVALS = 1.5
 WAITING, ROOM = 512, 64
 """Room for rows that wait and for samples settled at once; it grows where that is not enough."""
 MOST_REASONS = 1024
+OUT_OF_ORDER = 0.25
+"""Share of samples out of order from which the steps between the others are no sample rate."""
 
 
 class Sample(NamedTuple):
@@ -265,6 +267,12 @@ class CausalGrid:
                 f"{n_late:.0f} of the last {n:.0f} samples came too late to be used, when later "
                 f"ones had been waited for {self.delay:.4g} s: mend the link, or start with a "
                 "longer delay"
+            )
+        counts = self.counts
+        if OUT_OF_ORDER * counts.accepted <= counts.out_of_order:
+            return (
+                f"{counts.out_of_order} of {counts.accepted} samples came after a later one: send "
+                "them in order"
             )
         return (
             f"the source samples each {interval:.4g} s, the monitor needs a sample each "

@@ -161,6 +161,16 @@ def test_late_samples_are_told_apart_from_a_source_that_is_too_slow() -> None:
     assert resampler.counts.late > 40
 
 
+@pytest.mark.parametrize("delay", [0.05, 0.1, 0.2])
+def test_a_source_that_swaps_its_samples_in_pairs_is_not_called_slow(delay: float) -> None:
+    grid, reasons = CausalGrid(DT, delay, 6), set[str]()
+    for n in range(60):
+        sample = Sample((n ^ 1) * DT, np.zeros(6))
+        reasons |= {settled.reason for settled in grid.push(n * DT, sample)}
+    assert any(reasons)
+    assert not any("send at" in reason for reason in reasons)
+
+
 def test_a_link_that_was_out_gives_a_gap_and_no_step() -> None:
     times = np.concatenate([np.arange(50), np.arange(550, 600)]) * DT
     out, resampler = flown(times)
