@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
-from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -26,7 +25,7 @@ from core.clearance.equation_error import Estimate
 from core.clearance.sensors import TOLERANCES, SensorCheck
 from core.evaluation.certificate import calibrated_on
 from core.limits.exceedance import NOT_PLAUSIBLE, SAME_TIME
-from core.limits.limits import exceeded_end, limits_in_words
+from core.limits.limits import ends_in_words, exceeded_end, limits_in_words
 from core.monitor import Assessments, Monitor
 from core.monitor.assessment import STATES, State
 from core.monitor.calibration import Guarantee
@@ -202,13 +201,13 @@ def _not_exceeded(dictionary: Dictionary, peaks: Sequence[Peak]) -> list[str]:
 
 
 def _peak_in_words(channel: Channel, peak: Peak, value: float) -> str:
-    """`|Ny| 0.45 g of 0.5 g from trim`; `Nz 4.2 g, limits -1 g and 4.9 g`."""
+    """`|Ny| 0.45 g of 0.5 g from trim`; `Nz 4.2 g, safe -1 g to 4.9 g`."""
     trim = " from trim" if channel.reference == "trim" else ""
     if -peak.low == peak.high:
         limit = channel.read(peak.high)
         return f"|{channel.key}| {channel.read(abs(value))} of {limit}{trim}"
-    ends = [channel.read(end) if isfinite(end) else "none" for end in (peak.low, peak.high)]
-    return f"{channel.key} {channel.read(value)}{trim}, limits {' and '.join(ends)}"
+    safe = ends_in_words(channel, peak.low, peak.high)
+    return f"{channel.key} {channel.read(value)}{trim}, safe {safe}"
 
 
 def _is_named(raw: RecordedExceedance | None, channel: str) -> bool:

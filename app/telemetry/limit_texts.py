@@ -16,7 +16,7 @@ from app.telemetry.targets import check_limits
 from app.telemetry.units import PLAIN, convert, si_unit
 from core.channels import KEYS, LATERAL, Channel, Dictionary, channel
 from core.computed import complete, lasting
-from core.limits.limits import IntervalLimits, Limits, SafeInterval
+from core.limits.limits import IntervalLimits, Limits
 from core.limits.temporal import COMPARED, Requirement
 from core.simulation.stability_margins import UNITS, LeastMargins
 from core.types import Array
@@ -93,15 +93,7 @@ def specified(flights: RolloutFile, channels: Sequence[str], limits: Sequence[st
         return Specified(dictionary, Limits(**magnitudes))
     first = complete(dictionary, flights.y[:, :1], flights.dt)[:, 0]
     known = {each.key: rest_of(first[:, c], each) for c, each in enumerate(dictionary.channels)}
-    intervals = {key: _interval(key, *of_key, known[key]) for key, of_key in ends.items()}
-    return Specified(dictionary, IntervalLimits(dictionary, intervals))
-
-
-def _interval(key: str, low: float | None, high: float | None, rest: float) -> SafeInterval:
-    try:
-        return SafeInterval(low, high, rest)
-    except ValueError as error:
-        raise TelemetryError(f"{key}: {error}") from error
+    return Specified(dictionary, IntervalLimits.of(dictionary, ends, known))
 
 
 def extended(

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from core.bounds import Bounds, check_bounds
 from core.channels import SIX_DOF, Channel, Dictionary, channel
-from core.limits.limits import IntervalLimits, SafeInterval
+from core.limits.limits import IntervalLimits
 
 ABOVE = Bounds(above=0)
 Limit = Annotated[float | None, Bounds(words="a limit is a finite number")]
@@ -193,13 +193,7 @@ class LoadLimits:
 
         ValueError for one that is exceeded in trim.
         """
-        intervals = {}
-        for key, (low, high) in self.ends.items():
-            try:
-                intervals[key] = SafeInterval(low, high, rest[key])
-            except ValueError as error:
-                raise ValueError(f"{key}: {error}") from None
-        return IntervalLimits(self.dictionary, intervals)
+        return IntervalLimits.of(self.dictionary, self.ends, rest)
 
 
 ALL_CHANNELS = LoadLimits(fin_load=1.0, wing_bending=1.0).dictionary

@@ -4,12 +4,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from math import inf, isfinite
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
 
 from core.bounds import Bounds, check_bounds
-from core.channels import KEYS, LATERAL, Dictionary
+from core.channels import KEYS, LATERAL, Channel, Dictionary
 from core.kernels.reductions import exceeds_any, first_exceedance
 from core.types import Array, Flags, Indices
 
@@ -199,6 +199,28 @@ class IntervalLimits:
         for key in self.intervals:
             self.dictionary.index(key)
 
+    @classmethod
+    def of(
+        cls,
+        dictionary: Dictionary,
+        ends: Mapping[str, tuple[float | None, float | None]],
+        rest: Mapping[str, float],
+    ) -> Self:
+        """Limits from low and high by channel.   rest: values in trimmed flight, by channel.
+
+        ValueError if trimmed flight exceeds one.
+        """
+        for key, (low, high) in ends.items():
+            given = -inf if low is None else low, inf if high is None else high
+            if not given[0] < rest[key] < given[1]:
+                known = dictionary.by_key[key]
+                raise ValueError(
+                    f"{key} is {known.read(rest[key])} in trimmed flight, which its limit "
+                    f"excludes, {ends_in_words(known, *given)}: give another limit, or another "
+                    "trim"
+                )
+        return cls(dictionary, {key: SafeInterval(*ends[key], rest[key]) for key in ends})
+
     @cached_property
     def envelope(self) -> Envelope:
         envelope = Envelope.unlimited(len(self.dictionary))
@@ -220,16 +242,21 @@ def limits_in_words(dictionary: Dictionary, limits: Envelope | None) -> str:
     """`|N_y| 0.5 g`, `α below 25 deg or N_z -1 to 4.9 g`: limits in words."""
     if limits is None:
         return "unknown limits"
-    parts = []
-    for channel, low, high in zip(dictionary.channels, limits.low, limits.high, strict=True):
-        if -low == high < inf:
-            parts.append(f"|{channel.symbol}| {channel.read(high)}")
-        elif isfinite(low) and isfinite(high):
-            parts.append(f"{channel.symbol} {channel.read(low)} to {channel.read(high)}")
-        elif isfinite(low) or isfinite(high):
-            end, side = (low, "above") if isfinite(low) else (high, "below")
-            parts.append(f"{channel.symbol} {side} {channel.read(end)}")
-    return " or ".join(parts)
+    ends = zip(dictionary.channels, limits.low, limits.high, strict=True)
+    return " or ".join(
+        f"|{channel.symbol}| {channel.read(high)}"
+        if -low == high
+        else f"{channel.symbol} {ends_in_words(channel, low, high)}"
+        for channel, low, high in ends
+        if isfinite(low) or isfinite(high)
+    )
+
+
+def ends_in_words(channel: Channel, low: float, high: float) -> str:
+    """`-1 g to 4.9 g`, `below 25 deg`: the safe values.   low, high: infinite for none."""
+    if isfinite(low) and isfinite(high):
+        return f"{channel.read(low)} to {channel.read(high)}"
+    return f"above {channel.read(low)}" if isfinite(low) else f"below {channel.read(high)}"
 
 
 def magnitudes_of(specification: Specification) -> Array | None:
