@@ -25,9 +25,11 @@ LOGGED_EVERY_S = 1.0
 
 LOGIN_PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Forewarn</title>
 <meta name="viewport" content="width=device-width">
-<style>body{{font:16px system-ui;background:#10151b;color:#e6edf3;display:grid;place-content:center;
-min-height:90vh}}input,button{{font:inherit;padding:.4em .6em}}</style>
-<form method="post" action="/login"><p><label for="token">Token of this Forewarn server</label></p>
+<style>:root{{color-scheme:light dark;font:max(16px,min(1vw,1.78vh)) system-ui}}
+body{{display:grid;place-content:center;min-height:90vh}}
+input,button{{font:inherit;padding:.4em .6em}}</style>
+<form method="post" action="/login"><h1>Forewarn</h1>
+<p><label for="token">Token of this Forewarn server</label></p>
 <p><input id="token" name="token" type="password" required autofocus>
 <button>Enter</button></p><p role="alert">{message}</p></form></html>"""
 

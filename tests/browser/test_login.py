@@ -15,12 +15,24 @@ def test_the_token_lets_a_browser_in_and_another_does_not(
     allowed_errors.append("401 (Unauthorized)")
     with open_site(tmp_path, token=TOKEN) as site:
         page.goto(site.http)
+        expect(page.get_by_role("heading", name="Forewarn")).to_be_visible()
+        page.emulate_media(color_scheme="light")
+        ground = "getComputedStyle(document.documentElement).colorScheme"
+        assert page.evaluate(ground) == "light dark"
         page.get_by_label("Token of this Forewarn server").fill("another-token-altogether")
         page.get_by_role("button", name="Enter").click()
         expect(page.get_by_role("alert")).to_have_text("This is not a token of this server.")
         page.get_by_label("Token of this Forewarn server").fill(TOKEN)
         page.get_by_role("button", name="Enter").click()
         expect(page.get_by_role("link", name="Monitors", exact=True)).to_be_visible()
+        nav = page.locator(".nav")
+        expect(page.locator("#me")).to_have_text("server · admin")
+        expect(nav.get_by_role("link", name="People")).to_be_visible()
+        for width in (1024, 1280, 1440, 1600):
+            page.set_viewport_size({"width": width, "height": 768})
+            assert nav.evaluate("({ scrollWidth, clientWidth }) => scrollWidth <= clientWidth")
+        nav.get_by_role("link", name="People").click()
+        expect(page.locator(".state-empty")).to_contain_text("FOREWARN_TOKEN")
         page.wait_for_load_state("networkidle")  # a module cut off in its loading is an error
         page.get_by_role("button", name="Log out").click()
         expect(page.get_by_label("Token of this Forewarn server")).to_be_visible()

@@ -9,7 +9,7 @@
 import { labelled, select } from "../forms/controls.js";
 import { needs, reason } from "../lib/api.js";
 import { isSimulated, limitsOfMonitor } from "../lib/catalog.js";
-import { button, errorLine, formatted, h, loadingView, put } from "../lib/dom.js";
+import { button, empty, errorLine, formatted, h, link, loadingView, pageOf, put } from "../lib/dom.js";
 import { storeCheck, worstOf } from "../lib/session_check.js";
 import { CALLOUTS } from "./alarms/tone.js";
 import { showLiveFlight, tone } from "./live_flight.js";
@@ -37,7 +37,7 @@ export function showSessionCheck(element, { query, api }) {
   };
 
   async function build(_, monitors, sets, catalog, me) {
-    if (monitors.length === 0) return h("div.page", h("h1", "Session check"), h("p", "There is no monitor yet: train one first."));
+    if (monitors.length === 0) return pageOf("Session check", [], empty("No monitor yet", "The check needs a monitor.", link("Train a monitor", "#/monitors/new", true)));
     const results = new Map(Object.keys(NAMES).map((key) => [key, { result: "not done", text: key === "sound" ? UNHEARD : "" }]));
     const monitor = select(monitors.map(({ id, name }) => [id, name]), { value: query.get("monitor") ?? monitors[0].id, onchange: again });
     const set = select([["", "the monitor's own"], ...sets.map(({ id, name, newest }) => [id, `${name}, version ${newest}`])], { onchange: again });

@@ -1,6 +1,7 @@
 /** People and audit: who has a token and with which role, and the newest lines of what people did. */
 
 import { labelled, select } from "../forms/controls.js";
+import { asksForToken } from "../lib/api.js";
 import { empty, errorLine, guideLink, h, loadingView, pageOf, panel, table } from "../lib/dom.js";
 import { moment } from "../lib/numbers.js";
 
@@ -37,7 +38,9 @@ export function show(element, { api }) {
     const filters = h("div.row", labelled("Period", period).element, labelled("Person", who).element);
     const people = tokens.length
       ? table({ columns: PEOPLE, items: tokens, panel: false })
-      : empty("No token required", "Everyone who reaches this server is an admin. Make the first token with forewarn token create.");
+      : asksForToken()
+        ? empty("No person has a token", "The token of the settings (FOREWARN_TOKEN) lets in an admin. Make a person's token with forewarn token create.")
+        : empty("No token required", "Everyone who reaches this server is an admin. Make the first token with forewarn token create.");
     await ask();
     return pageOf(
       "People and audit",

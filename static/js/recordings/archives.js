@@ -65,7 +65,7 @@ export function show(element, context) {
     ];
     const none = empty(
       "No archive",
-      "An archive is a folder of recordings scored by `forewarn score-archive`. Start the server with --archive DIR or FOREWARN_ARCHIVES.",
+      "An archive is a folder of recordings scored by forewarn score-archive. Start the server with --archive DIR or FOREWARN_ARCHIVES.",
     );
     const actions = [link("Recordings", "#/recordings"), guideLink("first-recording#an-archive", "how to score an archive")];
     return pageOf("Archives", actions, archives.length ? table({ columns, items: archives }) : none);
