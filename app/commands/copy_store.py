@@ -33,7 +33,9 @@ def run(options: argparse.Namespace) -> int:
         text = (
             f"copied and verified {n_rows} to {place}; {stay} of recordings and journals stay in "
             f"{source}: serve with --data-dir {source} and FOREWARN_DATABASE_URL, or copy its "
-            "folders `recordings` and `live` to another --data-dir"
+            "folders `recordings` and `live` to another --data-dir\n"
+            f"rename {source}/forewarn.db once the copy is in use: without the URL it would be "
+            "served as it was before the copy"
         )
     else:
         text = (

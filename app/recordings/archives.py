@@ -228,7 +228,7 @@ class ScoredArchive:
         if not isinstance(error, FileNotFoundError):
             return f"{self.folder} cannot be read: {error.strerror or error}"
         if not self.folder.has_folder(""):
-            return f"there is no folder {self.folder}: check FOREWARN_ARCHIVES"
+            return f"there is no folder {self.folder}: check --archive and FOREWARN_ARCHIVES"
         if self.folder.has_folder(RECORDS):
             return f"{self.folder} is not scored to the end: {SCORE_AGAIN}"
         return (

@@ -119,7 +119,7 @@ class SessionHold:
 def _taken(place: str, option: str) -> Taken:
     return Taken(
         f"another forewarn serves {place}: stop it, choose other data with {option}, or start both "
-        "with --shared"
+        "with --shared, one data directory and an address each"
     )
 
 

@@ -177,7 +177,9 @@ def test_a_server_is_refused_where_the_owner_shares_with_nobody(
     other = Settings(data_dir=tmp_path, port=0, shared="http://127.0.0.1:8000")
     with (
         alone(Settings(data_dir=tmp_path)),
-        pytest.raises(SettingsError, match="or start both with --shared"),
+        pytest.raises(
+            SettingsError, match="both with --shared, one data directory and an address each"
+        ),
     ):
         serve(other, refuse)
 

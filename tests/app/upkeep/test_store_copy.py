@@ -176,6 +176,7 @@ def test_files_that_stay_are_named_with_what_to_copy(
     url = f"sqlite:///{tmp_path / 'two.db'}"
     assert main(["copy-store", str(source), url]) == 0
     said = capsys.readouterr().out
+    assert f"rename {source}/forewarn.db" in said
     assert "1 file" in said
     assert f"--data-dir {source}" in said
     assert main(["copy-store", url, str(tmp_path / "three")]) == 0
