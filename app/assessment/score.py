@@ -13,7 +13,6 @@ from app.assessment.coverage import why_exceedance_unknown, why_outcome_unknown,
 from app.assessment.limits_history import LimitsHistory, SetHistory
 from app.assessment.outcome import (
     MOST_OUTSIDE,
-    OUTCOMES,
     Hole,
     Limited,
     RecordedExceedance,
@@ -261,7 +260,7 @@ def _judge(flight: RecordedFlight, segment: Segment) -> JudgedSegment:
         own = against_limits(*arguments) if silent.any() else None
         withdrawal = final_withdrawal(silent, withdrawal, in_force)
     if segment.is_rest:
-        verdict, withdrawal = Validity(None, reasons=(OUTCOMES["unassessed"].text,)), None
+        verdict, withdrawal = Validity(None, reasons=("no manoeuvre was flown",)), None
     elif segment.ends_early and limited.exceedance is None:
         verdict = ended_early(verdict, segment.ends_early)
     inputs = monitor.flown_input(y, monitor.last_counted(y), flight.planned.amplitudes)

@@ -118,7 +118,7 @@ def remarks(
             lines.append(f"worst value from trim {from_trim}; as recorded {raw}")
     if limited.lost > 0.0:
         lines.append(f"{limited.lost:.2f} s missing in the limited channels")
-    if not (assessments.state == STATES.index(State.OK)).all():
+    if not (segment.is_rest or (assessments.state == STATES.index(State.OK)).all()):
         counts = [
             f"{np.sum(assessments.state == code)} {state}" for code, state in enumerate(STATES)
         ]

@@ -117,3 +117,9 @@ def test_data_missing_at_rest_are_told_by_the_scoring_too(tmp_path: Path) -> Non
     assert both.record.verdict is not None
     why = both.record.verdict.text.removeprefix("DATA MISSING: ")
     assert f"Data missing outside every manoeuvre: {why}." in both.scored.notes
+
+
+def test_samples_at_rest_are_not_called_invalid(tmp_path: Path) -> None:
+    (rest,) = flown_and_scored(tmp_path, in_order(at_rest())).scored.manoeuvres
+    assert rest.guarantee == "No guarantee: no manoeuvre was flown."
+    assert not any("invalid" in remark for remark in rest.remarks)
