@@ -82,7 +82,7 @@ class _Screen:
             dismiss(
                 self._connection,
                 WS_1008_POLICY_VIOLATION,
-                "the message is neither credit nor resume",
+                'the message is neither credit nor resume: send {"type": "credit", "n": 1}',
             )
             return
         if isinstance(message, Credit):

@@ -482,6 +482,7 @@ def test_a_client_that_sends_nonsense_is_disconnected(text: str, server: Server)
         with pytest.raises(WebSocketDisconnect) as closed:
             socket.receive_text()
         assert closed.value.code == 1008
+        assert '{"type": "credit", "n": 1}' in closed.value.reason
     server.client.get(f"{URL}/{flight['id']}")
     assert server.flights.flying(flight["id"]).n_watchers == 0
 
