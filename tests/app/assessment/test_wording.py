@@ -72,7 +72,7 @@ def test_peaks_are_in_display_units():
     planned: Any = SimpleNamespace(
         limits_known=True, trim_segment_s=1.0, dt=0.1, dictionary=LATERAL
     )
-    segment: Any = SimpleNamespace(requested=None, rest=None, onset=None, first=0)
+    segment: Any = SimpleNamespace(is_rest=False, requested=None, rest=None, onset=None, first=0)
     inside, as_recorded = remarks(planned, segment, limited, assessments(0.1))
     assert inside.endswith(": |beta| 4 deg of 5 deg from trim")
     assert "is 6 deg, beyond the limit of 5 deg:" in as_recorded
@@ -88,7 +88,7 @@ def test_a_limited_channel_without_trim_may_have_exceeded_its_limit():
     planned: Any = SimpleNamespace(
         limits_known=True, trim_segment_s=1.0, dt=0.1, dictionary=LATERAL
     )
-    segment: Any = SimpleNamespace(requested=None, rest=None, onset=None, first=0)
+    segment: Any = SimpleNamespace(is_rest=False, requested=None, rest=None, onset=None, first=0)
     (line,) = remarks(planned, segment, limited, assessments(0.1))
     assert line.startswith("no value of Ny from trim is known")
 
