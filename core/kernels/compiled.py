@@ -156,8 +156,10 @@ inlined = numba.njit(inline="always")
 
 @cache
 def threads() -> ThreadPoolExecutor:
-    """The process's threads for kernels; kernels never submit to it, so it cannot deadlock."""
-    return ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="kernel")
+    """The process's threads for kernels; none waits for another, so they cannot deadlock."""
+    return ThreadPoolExecutor(
+        os.cpu_count() or 1, "kernel", initializer=lambda: setattr(_here, "alone", True)
+    )
 
 
 _here = threading.local()

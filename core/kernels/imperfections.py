@@ -24,7 +24,7 @@ from core.kernels.lanes import (
     divide,
     exclusive_or,
     floor,
-    gather,
+    gather_pairs,
     load,
     load_rows,
     load_whole,
@@ -129,8 +129,7 @@ def _write_normals(quantiles, halves, normals):
     """Write the normal numbers of eight half words, 0 to 2^32 - 1."""
     cell = shift_right(halves, splat_whole(_BITS))
     share = add(real(both(halves, splat_whole(_SHARE))), splat(0.5))
-    low = gather(quantiles, cell)
-    high = gather(quantiles, add_whole(cell, splat_whole(_ONE)))
+    low, high = gather_pairs(quantiles, cell)
     x = add(low, multiply(multiply(share, splat(2.0**-21)), subtract(high, low)))
     store(normals, 0, x)
     tails = at_most(splat(_BEYOND), magnitude(x))
@@ -188,19 +187,19 @@ def gusts_work(n_samples: int) -> int:
 
 
 @jit
-def fill_gusts(seed, fade, share, begin, noise, quantiles, work, iwork, out, first, last):
+def fill_gusts(seed, number, fade, share, begin, noise, quantiles, work, iwork, out, first, last):
     """Fill rows first..last-1 of `out` (n, n_samples) with gusts, each from its own stream.
 
     White noise passes the filter sqrt(3) / (1 + T s) + (1 - sqrt(3)) / (1 + T s)^2 with the states
     a = 1 / (1 + T s) and b = a / (1 + T s). In a step they become fade (a, b + share a) plus noise
     (3,) times two normal numbers. begin (3,): the same for the first, stationary sample. Both are
-    lower triangles (11, 21, 22).
+    lower triangles (11, 21, 22).   number: as in `record`.
     """
     direct, twice = splat(np.sqrt(3.0)), splat(1.0 - np.sqrt(3.0))
     n_samples, w, numbers = out.shape[1], address(work), address(iwork)
     streams = numbers + 8 * WIDTH
     for base in range(first, last, WIDTH):
-        _set_lanes(seed, np.int64(0), base, last, numbers, streams)
+        _set_lanes(seed, number, base, last, numbers, streams)
         write_normals(address(quantiles), streams, 2 * n_samples, w)
         z0, z1 = load(w, 0), load(w, WIDTH)
         a = multiply(splat(begin[0]), z0)
@@ -213,6 +212,24 @@ def fill_gusts(seed, fade, share, begin, noise, quantiles, work, iwork, out, fir
             a = add(multiply(splat(fade), a), multiply(splat(noise[0]), z0))
             store(w, k * WIDTH, add(multiply(direct, a), multiply(twice, b)))
         store_rows(address(out), numbers, n_samples, n_samples, w)
+
+
+@jit
+def levels_at(elapsed, begins, levels):
+    """Level of the segment that is flown at each time, (n, n_samples).
+
+    elapsed: (1 or n, n_samples), increasing.   levels: (n_segments + 2,), the first before and the
+    last after the segments.   begins: (1 or n, n_segments + 1), increasing, the last one an end.
+    """
+    n, n_samples = max(len(elapsed), len(begins)), elapsed.shape[1]
+    out = np.empty((n, n_samples))
+    for i in range(n):
+        now, begin, begun = min(i, len(elapsed) - 1), min(i, len(begins) - 1), 0
+        for k in range(n_samples):
+            while begun < begins.shape[1] and elapsed[now, k] >= begins[begin, begun]:
+                begun += 1
+            out[i, k] = levels[begun]
+    return out
 
 
 class InexactInputs(NamedTuple):
@@ -246,13 +263,13 @@ def commands_work(n_flown: int, n_samples: int, n_surfaces: int) -> int:
 
 @jit
 def fill_commands(
-    seed, planned, before, most, inexact, quantiles, work, iwork, out, rest, first, last
+    seed, number, planned, before, most, inexact, quantiles, work, iwork, out, rest, first, last
 ):
     """Fill rows first..last-1 of `out` (n, before + n_samples, n_surfaces) with commands [rad] as
     flown.
 
     planned: (1 or n, n_samples, n_surfaces), 2 or 3; trim before it.   rest: (n,) output, samples
-    before the first planned input, from 1 to `most`.
+    before the first planned input, from 1 to `most`.   number: as in `record`.
     Small movements are stationary first-order processes, one per surface.
     """
     n_flown, n_surfaces = out.shape[1:]
@@ -264,14 +281,15 @@ def fill_commands(
     gain, zero, two = np.sqrt(1.0 - inexact.fade * inexact.fade), splat(0.0), splat(2.0)
     softness = due + 8 * n_due * WIDTH
     for base in range(first, last, WIDTH):
-        _set_lanes(seed, np.int64(0), base, last, numbers, streams)
+        _set_lanes(seed, number, base, last, numbers, streams)
         _set_streams(streams, ERRORS, below)
         write_normals(table, below, np.int64(4), errors)
-        for k in range(count):
-            store(moves, k * WIDTH, zero)
         if inexact.unsteadiness > 0.0:
             _set_streams(streams, MOVES, below)
             write_normals(table, below, count, moves)
+        else:
+            for k in range(count):
+                store(moves, k * WIDTH, zero)
         load_rows(address(planned), numbers, 0 if is_shared else n_due, 0, n_due, due)
         for lane in range(WIDTH):
             i = read_integer(numbers, lane)
@@ -347,7 +365,7 @@ def subtract_trim(y, start, every, rest, from_trim, first, last):
 
 def record_work(n_steps: int, n_samples: int, n_channels: int) -> int:
     """Workspace of `record` [numbers]."""
-    return (n_steps * n_channels + even(n_samples * n_channels) + 7 * n_channels) * WIDTH
+    return (n_steps * n_channels + even(n_samples * n_channels) + 4 * n_channels + 3) * WIDTH
 
 
 @jit
@@ -368,8 +386,8 @@ def record(
     true = address(work)
     seen = true + 8 * n_true * WIDTH
     errors = seen + 8 * (count + count % 2) * WIDTH
-    gains, parts, between = errors + 16 * line, errors + 24 * line, errors + 32 * line
-    late, whole = errors + 40 * line, np.empty((n_channels, WIDTH), np.int64)
+    parts, between, late = errors + 16 * line, errors + 24 * line, errors + 32 * line
+    at_rest, whole = late + 16 * WIDTH, np.empty((n_channels, WIDTH), np.int64)
     zero, half = splat(0.0), splat(0.5)
     for base in range(first, last, WIDTH):
         _set_lanes(seed, number, base, last, numbers, streams)
@@ -387,14 +405,17 @@ def record(
                 whole[c, lane] = int(lag)
                 write(parts, c * WIDTH + lane, lag - int(lag))
                 write(between, c * WIDTH + lane, uniform(lags, n_channels + c))
+            write(at_rest, lane, float(rest[read_integer(numbers, lane)]))
+        is_late, n_rest = whole.any(), load(at_rest, 0)
         for c in range(n_channels):
-            error = multiply(splat(instruments.gain[c]), load(errors, c * WIDTH))
-            store(gains, c * WIDTH, add(splat(1.0), error))
-        is_late = whole.any()
-        for k in range(n_samples):
-            row = start + k * every - earliest
-            for c in range(n_channels):
-                lane_c = c * WIDTH
+            lane_c = c * WIDTH
+            error = multiply(splat(instruments.gain[c]), load(errors, lane_c))
+            gain, part, apart = add(splat(1.0), error), load(parts, lane_c), load(between, lane_c)
+            noise, step = splat(instruments.noise[c]), splat(instruments.step[c])
+            origin, trim = load(true, (start - earliest) * line + lane_c), zero
+            from_trim, is_rounded = instruments.from_trim[c], instruments.step[c] > 0.0
+            for k in range(n_samples):
+                row = start + k * every - earliest
                 at = row * line + lane_c
                 if is_late:
                     for lane in range(WIDTH):
@@ -405,32 +426,21 @@ def record(
                     now, earlier = load(late, 0), load(late, WIDTH)
                 else:
                     now, earlier = load(true, at), load(true, at - line if row > 0 else at)
-                value = add(now, multiply(load(parts, lane_c), subtract(earlier, now)))
-                gain = load(gains, lane_c)
-                if instruments.from_trim[c]:
+                value = add(now, multiply(part, subtract(earlier, now)))
+                if from_trim:
                     value = multiply(value, gain)
                 else:
-                    origin = load(true, (start - earliest) * line + lane_c)
                     value = add(origin, multiply(gain, subtract(value, origin)))
                 place = k * line + lane_c
-                noise = multiply(splat(instruments.noise[c]), load(seen, place))
-                value = add(value, noise)
-                if instruments.step[c] > 0.0:
-                    step, apart = splat(instruments.step[c]), load(between, lane_c)
+                value = add(value, multiply(noise, load(seen, place)))
+                if is_rounded:
                     steps = floor(add(divide(value, step), apart))
                     value = multiply(step, add(subtract(steps, apart), half))
                 store(seen, place, value)
-        for lane in range(WIDTH):
-            write(late, lane, float(rest[read_integer(numbers, lane)]))
-        at_rest = load(late, 0)
-        for c in range(n_channels):
-            trim = zero
-            if instruments.from_trim[c]:
-                for k in range(most):
-                    more = add(trim, load(seen, k * line + c * WIDTH))
-                    trim = where_greater(at_rest, splat(float(k)), more, trim)
-            bias = multiply(splat(instruments.bias[c]), load(errors, line + c * WIDTH))
-            trim = subtract(divide(trim, at_rest), bias)
-            for at in range(c * WIDTH, n_samples * line, line):
+                if from_trim and k < most:
+                    trim = where_greater(n_rest, splat(float(k)), add(trim, value), trim)
+            bias = multiply(splat(instruments.bias[c]), load(errors, line + lane_c))
+            trim = subtract(divide(trim, n_rest), bias)
+            for at in range(lane_c, n_samples * line, line):
                 store(seen, at, subtract(load(seen, at), trim))
         store_rows(address(out), numbers, count, count, seen)

@@ -189,19 +189,30 @@ def real(typing, whole):
 
 
 @intrinsic
-def gather(typing, address, positions):
-    """The numbers at eight positions."""
+def gather_pairs(typing, address, positions):
+    """The numbers at eight positions, and those after them: each pair is loaded at once."""
 
     def generate(context, builder, signature, arguments):
         address, positions = arguments
-        table = builder.inttoptr(address, _REAL.as_pointer())
-        out = ir.Constant(_VECTOR, ir.Undefined)
+        table, two = builder.inttoptr(address, _REAL.as_pointer()), ir.VectorType(_REAL, 2)
+        parts = []
         for lane in map(_INDEX, range(WIDTH)):
             place = builder.gep(table, [builder.extract_element(positions, lane)])
-            out = builder.insert_element(out, builder.load(place), lane)
-        return out
+            parts.append(builder.load(builder.bitcast(place, two.as_pointer()), align=8))
 
-    return lanes(types.intp, whole_lanes), generate
+        def join(a, b, which):
+            return builder.shuffle_vector(
+                a, b, ir.Constant(ir.VectorType(_INDEX, len(which)), which)
+            )
+
+        while len(parts) > 2:
+            every = [*range(2 * parts[0].type.count)]
+            parts = [join(a, b, every) for a, b in zip(parts[::2], parts[1::2], strict=True)]
+        left, right = parts
+        ends = [join(left, right, [*range(first, 2 * WIDTH, 2)]) for first in (0, 1)]
+        return context.make_tuple(builder, signature.return_type, ends)
+
+    return types.UniTuple(lanes, 2)(types.intp, whole_lanes), generate
 
 
 @intrinsic

@@ -157,8 +157,8 @@ def measure(w, rows, z, spacing, y, nx, sources):
 
 @inlined
 def write_samples(w, rows, z, spacing, y, nx, which, samples, target, written):
-    """Measure up to SAMPLES samples and append them to the output."""
-    if samples == 0:
+    """Measure up to SAMPLES samples and append them to the output, unless `written` is negative."""
+    if samples == 0 or written < 0:
         return
     measure(w, rows, z, spacing, y, nx, which + 16 * WIDTH)
     if samples == SAMPLES:
@@ -276,13 +276,14 @@ def roll_out_linear(
     """Simulate rollouts first..last-1 into `out`; returns the first block that failed, or -1.
 
     hold, gusts, in_loop: Hold, Gusts and Pilots; with pilots in the loop, commands are not shared.
+    out: the first samples may be missing, a multiple of SAMPLES.
     work: `linear_work` numbers, aligned; iwork: LINEAR_IWORK integers.
     With a pedal lag the surfaces follow u + e: the held command, and the rest of earlier jumps,
     which fades as exp(-t / lag). Both are exact, without additional states.
     """
     n_rollouts, nx = plants[0].shape[:2]
     n_samples = pilot.shape[1]
-    length = ((n_samples - 1) * hold.substeps + 1) * N_CHANNELS
+    length = out.shape[1] * N_CHANNELS
     at = _places(nx, law[0].shape[0])
     n, line, phi, inputs, zero, constant, force, u, e, z, y, rows, loop = at
     held, fading, gusting = inputs, inputs + 2 * FADING * line, inputs + 2 * GUST * line
@@ -317,7 +318,7 @@ def roll_out_linear(
                 changed[:], used[:] = True, True
         now = 0
         filled = np.int64(1)
-        written = np.int64(0)
+        written = np.int64(length - ((n_samples - 1) * hold.substeps + 1) * N_CHANNELS)
         begun = 0
         for k in range(n_samples - 1):
             if changed[k]:

@@ -173,10 +173,12 @@ def _begin(w, at, plants, law, pilot, which, same_commands):
 
 
 @jit
-def _follow_commands(w, at, nx, n_samples, surfaces, steps, gust_state, seat, which, target):
+def _follow_commands(
+    w, at, nx, n_samples, surfaces, steps, gust_state, seat, which, target, written
+):
     """Simulate eight rollouts and write their samples; the first is the trim."""
     rates = at.commands + 2 * n_samples * WIDTH
-    filled, written, begun = np.int64(1), np.int64(0), 0
+    filled, begun = np.int64(1), 0
     commands = w + 8 * at.commands
     for k in range(n_samples - 1):
         if seat.n_axes > 0:
@@ -207,12 +209,13 @@ def roll_out_limited(
     """Simulate rollouts first..last-1 into `out`; returns the first block that failed, or -1.
 
     surfaces, steps, gusts, in_loop: Surfaces, TimeSteps, Gusts and Pilots; with pilots in the loop,
-    commands are not shared.
+    commands are not shared.   out: as in `roll_out_linear`.
     work: `limited_work` numbers, aligned; iwork: LIMITED_IWORK integers.
     """
     n_rollouts, nx = plants[0].shape[:2]
     n_samples = pilot.shape[1]
-    length = ((n_samples - 1) * steps.substeps + 1) * N_CHANNELS
+    length = out.shape[1] * N_CHANNELS
+    missing = length - ((n_samples - 1) * steps.substeps + 1) * N_CHANNELS
     at = _places(nx, law[0].shape[0])
     w, which, target = address(work), address(iwork), address(out)
     rates = w + 8 * (at.commands + 2 * n_samples * WIDTH)
@@ -224,6 +227,6 @@ def roll_out_limited(
             return base
         if gusts.state >= 0:
             gather_gusts(gusts, which, steps.step, rates)
-        about = w, at, nx, n_samples, surfaces, steps, gusts.state, seat, which, target
+        about = w, at, nx, n_samples, surfaces, steps, gusts.state, seat, which, target, missing
         _follow_commands(*about)
     return -1

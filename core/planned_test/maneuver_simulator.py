@@ -10,6 +10,7 @@ import numpy as np
 
 from core.channels import Dictionary
 from core.computed import complete
+from core.kernels.compiled import in_chunks
 from core.kernels.pilot import NOBODY, Pilots
 from core.limits.limits import Envelope
 from core.simulation.imperfections import Imperfections, channel_array, from_trim, seed_of
@@ -17,7 +18,7 @@ from core.simulation.maneuver import Maneuver
 from core.simulation.pilot import Crew, Pilot
 from core.simulation.simulator import Parameters, Rollouts, Stopped
 from core.simulation.stability_margins import LeastMargins, Margins
-from core.simulation.turbulence import LateralGust
+from core.simulation.turbulence import LateralGust, sideslip_gusts
 from core.types import Array, Indices
 
 MOST_SAMPLES = 20_000
@@ -25,11 +26,13 @@ MOST_SAMPLES = 20_000
 USUAL_TIMING_JITTER_S, USUAL_AMPLITUDE_JITTER = 0.1, 0.15
 """Scatter of a pilot who flies a doublet by hand."""
 
-Look = Callable[[Array, Array], object]
-"""Called with the true outputs (n, n_samples, n_measured), from trim where channels count from it,
-and with that trim (n, n_measured), of a block of flights after the other."""
-BLOCK = 1024
-"""Flights whose true outputs the processor's cache holds from their computation to their record."""
+Look = Callable[[slice, Array, Array], object]
+"""Called with a block of flights, their true outputs (n, n_samples, n_measured), from trim where
+channels count from it, and that trim (n, n_measured)."""
+Planned = Callable[[slice], Array]
+"""Commands (1 or n, n_samples, n_surfaces) [rad] of a block of flights, before imperfections."""
+BLOCK = 256
+"""Flights whose commands and true outputs the processor's cache holds until they are recorded."""
 
 
 class Noise(Protocol):
@@ -104,15 +107,16 @@ def check_observations(test: PlannedManeuver) -> None:
 class Drawn(NamedTuple):
     """The random part of flights: theta (n, n_parameters), commands (1 or n, n_samples,
     n_surfaces) with the run-up, samples at rest (n,), gusts (n, n_steps) each, pilots in the loop,
-    whose `gave_up` is written by the flights."""
+    whose `gave_up` is written by the flights, and how many of the first outputs may be missing."""
 
     theta: Array
     commands: Array
     rest: Indices
     gusts: tuple[Array, ...]
     in_loop: Pilots = NOBODY
+    unused: int = 0
 
-    def some(self, which: Indices | slice) -> "Drawn":
+    def some(self, which: Indices) -> "Drawn":
         commands = self.commands if len(self.commands) == 1 else self.commands[which]
         gusts = tuple(gust[which] for gust in self.gusts)
         pilots = self.in_loop.some(which)
@@ -125,6 +129,8 @@ class ManeuverSimulator(ABC):
     dictionary: Dictionary
     gust: LateralGust | None
     n_gusts = 1
+    in_threads = False
+    """Whether blocks of flights may be computed in several threads at once."""
     crew: Crew | None = None
 
     @property
@@ -150,7 +156,8 @@ class ManeuverSimulator(ABC):
 
     @abstractmethod
     def outputs(self, drawn: Drawn) -> Array:
-        """True outputs (n, n_steps, n_measured), including the run-up; in fresh arrays."""
+        """True outputs (n, n_steps, n_measured), including the run-up unless `unused`; in fresh
+        arrays."""
 
     @property
     def dt(self) -> float:
@@ -158,7 +165,7 @@ class ManeuverSimulator(ABC):
 
     def rollouts(self, n: int, rng: np.random.Generator) -> Rollouts:
         """Roll out n random aircraft."""
-        return self._rolled_out(self._drawn(n, rng), rng, lambda y, trim: None)
+        return self._rolled_out(*self._planned(n, rng), rng, lambda block, y, trim: None)
 
     def fly(
         self, theta: Array, rng: np.random.Generator, scale: Array | None = None
@@ -169,29 +176,32 @@ class ManeuverSimulator(ABC):
         Returns the rollouts, and (n,) the largest part of a limit reached by the true outputs,
         infinite for a diverged flight.
         """
-        pilot = self.test.maneuver.pilot(self.dt, len(theta), rng)
-        if scale is not None:
-            pilot = scale[:, np.newaxis, np.newaxis] * pilot
-        peaks: list[Array] = []
+        planned, peaks = self._by_hands(len(theta), rng), np.empty(len(theta))
 
-        def look(y: Array, trim: Array) -> None:
+        def scaled(block: slice) -> Array:
+            return planned(block) if scale is None else scale[block, None, None] * planned(block)
+
+        def look(block: slice, y: Array, trim: Array) -> None:
             parts = self.limits.shares(complete(self.dictionary, y, self.dt))
-            peaks.append(np.nan_to_num(parts, nan=np.inf, posinf=np.inf).max(axis=(1, 2)))
+            peaks[block] = np.nan_to_num(parts, nan=np.inf, posinf=np.inf).max(axis=(1, 2))
 
-        rollouts = self._rolled_out(self._flown(theta, pilot, rng), rng, look)
-        return rollouts, np.concatenate(peaks)
+        return self._rolled_out(theta, scaled, rng, look), peaks
 
-    def _rolled_out(self, drawn: Drawn, rng: np.random.Generator, look: Look) -> Rollouts:
+    def _rolled_out(
+        self, theta: Array, planned: Planned, rng: np.random.Generator, look: Look
+    ) -> Rollouts:
         """Roll out flights as measured. look: as in `recorded`; trim is 0 without
         imperfections."""
         if not self.test.imperfections.are_none:
-            return self._recorded(drawn, rng, look)
+            return self._recorded(theta, planned, rng, look)
+        every = slice(0, len(theta))
+        drawn = self._flown(theta, planned, rng)(every)
         y = self.outputs(drawn)
         first = self._first_exceedance(y, drawn)
         y = np.ascontiguousarray(y[:, :: self.test.substeps])
-        look(y, np.zeros_like(y[:, 0]))
+        look(every, y, np.zeros_like(y[:, 0]))
         self.test.noise.add_to(y, rng)
-        return Rollouts(complete(self.dictionary, y, self.dt), first, drawn.theta)
+        return Rollouts(complete(self.dictionary, y, self.dt), first, theta)
 
     def recorded(self, n: int, rng: np.random.Generator, look: Look) -> Rollouts:
         """Roll out n aircraft as flown and recorded, with any imperfections.
@@ -199,27 +209,35 @@ class ManeuverSimulator(ABC):
         look: called with the true outputs and trim, see `Look`; gust and inexact inputs shift
         trim from 0.
         """
-        return self._recorded(self._drawn(n, rng), rng, look)
+        return self._recorded(*self._planned(n, rng), rng, look)
 
-    def _recorded(self, drawn: Drawn, rng: np.random.Generator, look: Look) -> Rollouts:
-        test, n = self.test, len(drawn.theta)
-        start = test.imperfections.run_up(test.dt) * test.substeps
+    def _recorded(
+        self, theta: Array, planned: Planned, rng: np.random.Generator, look: Look
+    ) -> Rollouts:
+        test, n, flown = self.test, len(theta), self._flown(theta, planned, rng)
         noise = channel_array(test.noise, self.dictionary.measured)
         seed, step = seed_of(rng), test.dt / test.substeps
+        unused = test.imperfections.unused(test.dt, test.substeps)
         out = np.empty((n, test.maneuver.n_samples(test.dt), len(noise)))
         fail_index = np.empty(n, np.int64)
-        for block in (slice(first, first + BLOCK) for first in range(0, n, BLOCK)):
-            some = drawn.some(block)
-            y = self.outputs(some)
-            trim = y[:, start].copy()
-            fail_index[block] = self._first_exceedance(y, some)
-            trim -= y[:, start]
-            look(y[:, start :: test.substeps], trim)
-            test.imperfections.record(
-                y, start, test.substeps, drawn.rest[block], noise, step, seed,
-                self.dictionary, block.start, out[block],
-            )  # fmt: skip
-        return Rollouts(complete(self.dictionary, out, self.dt), fail_index, drawn.theta)
+
+        def record(first: int, last: int) -> None:
+            for begin in range(first, last, BLOCK):
+                block = slice(begin, min(begin + BLOCK, last))
+                some = flown(block)
+                y = self.outputs(some._replace(unused=unused))
+                start = self._start(y)
+                trim = y[:, start].copy()
+                fail_index[block] = self._first_exceedance(y, some)
+                trim -= y[:, start]
+                look(block, y[:, start :: test.substeps], trim)
+                test.imperfections.record(
+                    y, start, test.substeps, some.rest, noise, step, seed,
+                    self.dictionary, begin, out[block],
+                )  # fmt: skip
+
+        in_chunks(n, BLOCK if self.in_threads else n, record)
+        return Rollouts(complete(self.dictionary, out, self.dt), fail_index, theta)
 
     def stopping(self, n: int, rng: np.random.Generator, theta: Array | None = None) -> Stopped:
         """Draw n flights from rng as `rollouts` does, to fly some again with the manoeuvre stopped.
@@ -228,11 +246,11 @@ class ManeuverSimulator(ABC):
         Neutral controls are reached with the manoeuvre's pedal lag.
         """
         if theta is None:
-            theta, pilot = self._planned(n, rng)
+            theta, planned = self._planned(n, rng)
         else:
-            pilot = self.test.maneuver.pilot(self.dt, n, rng)
-        pilot, rng_before = np.broadcast_to(pilot, (n, *pilot.shape[1:])), deepcopy(rng)
-        drawn = self._flown(theta, pilot, rng)
+            planned = self._by_hands(n, rng)
+        pilot, rng_before = self._all(planned, n), deepcopy(rng)
+        drawn = self._flown(theta, planned, rng)(slice(0, n))
 
         def stopped(which: Indices, neutral_from: Indices) -> Indices:
             if not len(which):
@@ -244,7 +262,7 @@ class ManeuverSimulator(ABC):
             if not self.test.imperfections.are_none:
                 all_commands = pilot.copy()
                 all_commands[which] = commands
-                all_commands, _ = self._inexact(all_commands, n, deepcopy(rng_before))
+                all_commands, _ = self._inexact(all_commands, n, seed_of(deepcopy(rng_before)))
                 repeated = repeated._replace(commands=all_commands[which])
             return self._first_exceedance(self.outputs(repeated), repeated)
 
@@ -253,41 +271,62 @@ class ManeuverSimulator(ABC):
     def commands(self, n: int, rng: np.random.Generator) -> Array:
         """Commands (n, n_samples, n_surfaces) [rad] of the n flights that `rollouts` draws from
         rng, before imperfections."""
-        _, pilot = self._planned(n, rng)
+        _, planned = self._planned(n, rng)
+        return self._all(planned, n)
+
+    def _all(self, planned: Planned, n: int) -> Array:
+        pilot = planned(slice(0, n))
         return np.broadcast_to(pilot, (n, *pilot.shape[1:]))
 
     def _drawn(self, n: int, rng: np.random.Generator) -> Drawn:
         """The random part of n flights."""
-        return self._flown(*self._planned(n, rng), rng)
+        return self._flown(*self._planned(n, rng), rng)(slice(0, n))
 
-    def _planned(self, n: int, rng: np.random.Generator) -> tuple[Array, Array]:
-        """Theta (n, n_parameters), and the pilot's commands (1 or n, n_samples, n_surfaces)."""
+    def _planned(self, n: int, rng: np.random.Generator) -> tuple[Array, Planned]:
+        """Theta (n, n_parameters), and the commands of their pilots."""
         theta = self.sample(n, rng)
-        return theta, self.test.maneuver.pilot(self.dt, n, rng)
+        return theta, self._by_hands(n, rng)
 
-    def _flown(self, theta: Array, pilot: Array, rng: np.random.Generator) -> Drawn:
-        """Add imperfections to these flights."""
-        test, n = self.test, len(theta)
-        if test.imperfections.are_none:
-            in_loop = self._pilots(n, pilot.shape[1], rng)
-            return Drawn(theta, pilot, np.zeros(n, np.int64), (), in_loop)
-        commands, rest = self._inexact(pilot, n, rng)
-        n_steps, step = (commands.shape[1] - 1) * test.substeps + 1, test.dt / test.substeps
-        gusts = (
-            test.imperfections.gusts(self.gust, n, n_steps, step, rng) for _ in range(self.n_gusts)
-        )
-        blowing = tuple(gust for gust in gusts if gust is not None)
-        return Drawn(theta, commands, rest, blowing, self._pilots(n, commands.shape[1], rng))
+    def _by_hands(self, n: int, rng: np.random.Generator) -> Planned:
+        """Draw the scatter of n pilots."""
+        hands = self.test.maneuver.hands(n, rng)
+        return lambda block: self.test.maneuver.flown(self.dt, hands.some(block))
 
-    def _pilots(self, n: int, n_samples: int, rng: np.random.Generator) -> Pilots:
-        if self.crew is None:
-            return NOBODY
-        return self.crew.draw(n, n_samples, self.dt, self.test.noise, rng)
+    def _flown(
+        self, theta: Array, planned: Planned, rng: np.random.Generator
+    ) -> Callable[[slice], Drawn]:
+        """Draw the imperfections of these flights; returns what draws a block of them."""
+        test, n, errors = self.test, len(theta), self.test.imperfections
+        n_gusts = 0 if self.gust is None else self.n_gusts
+        seeds = [] if errors.are_none else [seed_of(rng) for _ in range(1 + n_gusts)]
+        n_samples = errors.run_up(test.dt) + test.maneuver.n_samples(test.dt)
+        n_steps, step = (n_samples - 1) * test.substeps + 1, test.dt / test.substeps
+        in_loop = NOBODY
+        if self.crew is not None:
+            in_loop = self.crew.draw(n, n_samples, self.dt, test.noise, rng)
 
-    def _inexact(self, pilot: Array, n: int, rng: np.random.Generator) -> tuple[Array, Indices]:
+        def some(block: slice) -> Drawn:
+            commands, own, first = planned(block), theta[block], block.start
+            rest, gusts = np.zeros(len(own), np.int64), ()
+            if seeds:
+                commands, rest = self._inexact(commands, len(own), seeds[0], first)
+            if self.gust is not None:
+                about = self.gust, step, len(own), n_steps
+                gusts = tuple(sideslip_gusts(*about, seed, first) for seed in seeds[1:])
+            return Drawn(own, commands, rest, gusts, in_loop.some(block))
+
+        return some
+
+    def _inexact(
+        self, planned: Array, n: int, seed: np.uint64, number: int = 0
+    ) -> tuple[Array, Indices]:
         """Commands as n pilots fly them, with a run-up before; and samples at rest."""
         lead_in = round(self.test.maneuver.lead_in_s / self.dt)
-        return self.test.imperfections.fly(pilot, n, self.dt, lead_in, rng)
+        return self.test.imperfections.fly(planned, n, self.dt, lead_in, seed, number)
+
+    def _start(self, y: Array) -> int:
+        """The step at which rollouts begin, after the run-up."""
+        return y.shape[1] - (self.test.maneuver.n_samples(self.dt) - 1) * self.test.substeps - 1
 
     def _first_exceedance(self, y: Array, drawn: Drawn) -> Indices:
         """(n,) first sample that exceeds a limit, or at which the pilot gives up if that labels
@@ -296,8 +335,7 @@ class ManeuverSimulator(ABC):
         test, every = self.test, self.test.substeps
         n_samples = test.maneuver.n_samples(test.dt)
         if not test.imperfections.are_none:
-            start = test.imperfections.run_up(test.dt) * every
-            y = from_trim(y, start, every, drawn.rest, self.dictionary)
+            y = from_trim(y, self._start(y), every, drawn.rest, self.dictionary)
         if test.margins.label:
             theta, which = np.unique(drawn.theta, axis=0, return_inverse=True)
             unsafe = test.margins.too_little(self.margins(theta))[which.ravel()]

@@ -275,6 +275,7 @@ class LateralSimulator(ManeuverSimulator):
     """The linear lateral plant: it can fly, stop, and be planned otherwise, from its recipe."""
 
     dictionary: Dictionary = LATERAL
+    in_threads = True
 
     def __init__(self, recipe: DatasetRecipe, spread: float = 1.0) -> None:
         """spread: width of D_theta about its mean, as a multiple of the recipe's."""
@@ -344,6 +345,7 @@ class LateralSimulator(ManeuverSimulator):
             substeps=recipe.substeps,
             gust=drawn.gusts[0] if drawn.gusts else None,
             in_loop=drawn.in_loop,
+            skip=drawn.unused,
         )
 
 

@@ -1,6 +1,7 @@
 """Imperfections of real flights: gust, instrument errors, inexact inputs."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import exp, radians
 from typing import Annotated, ClassVar
 
@@ -26,7 +27,6 @@ from core.simulation.turbulence import (
     Turbulence,
     intensity,
     scale_length,
-    sideslip_gusts,
 )
 from core.types import Array, Flags, Indices
 
@@ -134,7 +134,7 @@ class Imperfections:
         if self.turbulence != "none" and self.gust_time_s == 0:
             raise ValueError("gust_time_s=0 was given: give a time above zero")
 
-    @property
+    @cached_property
     def are_none(self) -> bool:
         """Whether rollouts have no effects besides noise and jitter."""
         none = Imperfections()
@@ -162,20 +162,24 @@ class Imperfections:
         lasting = self.turbulence != "none" or self.trim_deg or self.unsteadiness_deg
         return round(RUN_UP_S / dt) if lasting else 0
 
+    def unused(self, dt: float, substeps: int) -> int:
+        """Steps at the beginning of the run-up that no record reads."""
+        return max(self.run_up(dt) * substeps - 1 - int(self.lag_s / (dt / substeps)), 0)
+
     def fly(
-        self, planned: Array, n: int, dt: float, most: int, rng: np.random.Generator
+        self, planned: Array, n: int, dt: float, most: int, seed: np.uint64, number: int = 0
     ) -> tuple[Array, Indices]:
         """Planned commands (1 or n, n_samples, n_surfaces) [rad] as n pilots fly them.
 
         Returns the commands, with the run-up before them, and (n,) the samples at rest before the
-        first planned input, from 1 to `most`; trim is their mean.
+        first planned input, from 1 to `most`; trim is their mean.   number: as in `record`.
         """
         before = self.run_up(dt)
         planned = np.ascontiguousarray(planned)
         n_samples, n_surfaces = planned.shape[1:]
         out = np.empty((n, before + n_samples, n_surfaces))
         rest = np.empty(n, np.int64)
-        seed, most = seed_of(rng), max(most, 1)
+        most = max(most, 1)
         inexact = InexactInputs(
             self.asymmetry,
             radians(self.trim_deg),
@@ -187,18 +191,12 @@ class Imperfections:
 
         def fill(first: int, last: int) -> None:
             work = QUANTILES, aligned(size), np.empty(IWORK, np.int64)
-            fill_commands(seed, planned, before, most, inexact, *work, out, rest, first, last)
+            fill_commands(
+                seed, number, planned, before, most, inexact, *work, out, rest, first, last
+            )
 
         in_chunks(n, CHUNK, fill)
         return out, rest
-
-    def gusts(
-        self, gust: LateralGust | None, n: int, n_steps: int, step: float, rng: np.random.Generator
-    ) -> Array | None:
-        """Draw sideslip of the air (n, n_steps) [rad], `step` s apart; None without gust."""
-        if gust is None:
-            return None
-        return sideslip_gusts(gust, step, n, n_steps, seed_of(rng))
 
     def record(
         self,

@@ -7,11 +7,12 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from math import inf, isfinite, log
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, NamedTuple, Self
 
 import numpy as np
 
 from core.bounds import Bounds, check_bounds
+from core.kernels.imperfections import levels_at
 from core.recipe import family
 from core.types import Array
 
@@ -37,6 +38,18 @@ Pull = Annotated[
 ]
 TIME_GUARD = 1e-9
 """[s] An input due at t_k starts at sample k, despite rounding of t_k."""
+
+
+class Hands(NamedTuple):
+    """What pilots make of a manoeuvre, each (1 or n, ...): start (, 1) of the first input and
+    duration (, n_segments) of each segment [s], and factor () on the commands."""
+
+    start: Array
+    segments: Array
+    factor: Array
+
+    def some(self, which: slice) -> "Hands":
+        return Hands(*(each if len(each) == 1 else each[which] for each in self))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,11 +144,11 @@ class Maneuver(ABC):
         return round(steps) + 1
 
     def pilot(self, dt: float, n: int, rng: np.random.Generator) -> Array:
-        """Commands [rad], (n, n_samples, n_surfaces); a batch of one without jitter.
+        """Commands [rad], (n, n_samples, n_surfaces); a batch of one without jitter."""
+        return self.flown(dt, self.hands(n, rng))
 
-        The scatter of a rollout depends on rng and n only; without jitter rng is not used.
-        """
-        t = np.arange(self.n_samples(dt), dtype=np.float64) * dt
+    def hands(self, n: int, rng: np.random.Generator) -> Hands:
+        """Draw the scatter of n pilots; without jitter rng is not used."""
         start, segments = np.array([[self.lead_in_s]]), np.array([self.segments_s])
         if self.timing_jitter_s > 0.0:
             scatter = self.timing_jitter_s * rng.standard_normal((n, 1 + segments.shape[1]))
@@ -144,10 +157,14 @@ class Maneuver(ABC):
         factor = np.ones(1)
         if self.amplitude_jitter > 0.0:
             factor = 1.0 + self.amplitude_jitter * rng.standard_normal(n)
-        factor = factor * self.steps_flown(n, rng)
-        commands = self.commands(t - start, segments)
-        scale = np.deg2rad(factor)[:, np.newaxis, np.newaxis]
-        return np.multiply(commands, scale, out=commands if len(commands) == n else None)
+        return Hands(start, segments, factor * self.steps_flown(n, rng))
+
+    def flown(self, dt: float, hands: Hands) -> Array:
+        """Commands of these pilots [rad], (1 or n, n_samples, n_surfaces)."""
+        t = np.arange(self.n_samples(dt), dtype=np.float64) * dt
+        commands = self.commands(t - hands.start, hands.segments)
+        scale = np.deg2rad(hands.factor)[:, np.newaxis, np.newaxis]
+        return np.multiply(commands, scale, out=commands if len(commands) >= len(scale) else None)
 
     def steps_flown(self, n: int, rng: np.random.Generator) -> Array:
         """(n,) share of the amplitude that each rollout flies; (1,) if all fly the same."""
@@ -215,11 +232,8 @@ class Steps(OneSurface, ABC):
 
     def shape(self, elapsed: Array, segments: Array) -> Array:
         """The level of the segment at each time; trim before and after."""
-        edges = np.cumsum(segments, axis=1) - TIME_GUARD
-        begun = (elapsed >= -TIME_GUARD).astype(np.uint8)
-        for edge in edges.T:
-            begun += elapsed >= edge[:, np.newaxis]
-        return np.array([0.0, *self.levels, 0.0])[begun]
+        begins = np.cumsum(np.pad(segments, ((0, 0), (1, 0))), axis=1) - TIME_GUARD
+        return levels_at(elapsed, begins, np.array([0.0, *self.levels, 0.0]))
 
 
 @dataclass(frozen=True, kw_only=True)

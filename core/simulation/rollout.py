@@ -12,6 +12,7 @@ from core.kernels.pilot import NOBODY, Pilots
 from core.kernels.response import (
     GROUPS,
     LINEAR_IWORK,
+    SAMPLES,
     Gusts,
     Hold,
     linear_work,
@@ -48,6 +49,7 @@ def roll_out(
     substeps: int = 1,
     gust: Array | None = None,
     in_loop: Pilots = NOBODY,
+    skip: int = 0,
     out: Array | None = None,
 ) -> Array:
     """Simulate every plant in closed loop from trim; exact if surfaces have no limits.
@@ -55,18 +57,20 @@ def roll_out(
     pilot: (1 or n, n_samples, 2) commands [rad] of aileron and rudder; that of sample k acts from
         t_k to t_(k+1) (zero-order hold), through a first-order lag of pedal_lag_s if that is not 0.
     substeps: output samples per step.   out: written and returned if given.
+    skip: first output samples that are not needed; up to SAMPLES - 1 of them are returned.
     gust: (n, (n_samples - 1) substeps + 1) sideslip [rad] added by the air at each output sample,
         linear in between; it acts on the aircraft and on the vane. Only changes from the first
         sample on count: the aircraft is in trim with that one.
     in_loop: who changes the commands by the outputs FEEDBACK; its `gave_up` is written.
-    Returns y (n, (n_samples - 1) substeps + 1, 6) in the order of core.channels; sample k is
-    y(t_k), before command k has acted. An unstable rollout may grow to inf and NaN; non-finite
-    samples exceed every limit. A rollout depends, bit for bit, only on its own plant and commands.
+    Returns y (n, (n_samples - 1) substeps + 1, 6) in the order of core.channels; without `skip`
+    sample k is y(t_k), before command k has acted. An unstable rollout may grow to inf and NaN;
+    non-finite samples exceed every limit. A rollout depends, bit for bit, only on its own plant and
+    commands.
     Raises ValueError for wrong shapes and non-finite numbers.
     """
     n, n_states, pilot = _checked(plants, controller, pilot, dt, pedal_lag_s, substeps)
     n_out = (pilot.shape[1] - 1) * substeps + 1
-    shape = (n, n_out, N_CHANNELS)
+    shape = (n, n_out - skip // SAMPLES * SAMPLES, N_CHANNELS)
     out = np.empty(shape) if out is None else _checked_out(out, shape)
     plants = Plants(*(np.ascontiguousarray(matrix, dtype=np.float64) for matrix in plants))
     law = tuple(np.ascontiguousarray(matrix, dtype=np.float64) for matrix in controller)
@@ -133,7 +137,7 @@ def _checked(
         raise ValueError(
             f"pilot has shape {pilot.shape}; it needs (1 or {n}, n_samples, {len(SURFACES)})"
         )
-    if not np.isfinite(pilot).all():
+    if not isfinite(pilot.sum()):
         raise ValueError("pilot holds commands that are not finite; check the manoeuvre")
     if not (isfinite(dt) and dt > 0):
         raise ValueError(f"dt is {dt} s; give a finite step above zero")
@@ -147,7 +151,7 @@ def _checked(
 def _gusts(plants: Plants, gust: Array, shape: tuple[int, int]) -> Gusts:
     if gust.shape != shape:
         raise ValueError(f"gust has shape {gust.shape}; it needs {shape}")
-    if not np.isfinite(gust).all():
+    if not isfinite(gust.sum()):
         raise ValueError("gust holds numbers that are not finite; check its intensity and scale")
     return Gusts(np.ascontiguousarray(gust, dtype=np.float64), sideslip_state(plants))
 

@@ -67,9 +67,11 @@ def _roughness(feet: float) -> float:
 
 
 def sideslip_gusts(
-    gust: LateralGust, step: float, n: int, n_samples: int, seed: np.uint64
+    gust: LateralGust, step: float, n: int, n_samples: int, seed: np.uint64, number: int = 0
 ) -> Array:
     """Draw gusts (n, n_samples), each `step` s, with the autocovariance of Dryden's lateral form.
+
+    number: of the first of these gusts among all of the seed.
 
     sigma^2 (1 - t / 2T) exp(-t / T), whose spectrum over angular frequency w is
     sigma^2 (T / pi) (1 + 3 (T w)^2) / (1 + (T w)^2)^2, one-sided.
@@ -85,6 +87,7 @@ def sideslip_gusts(
     def fill(first: int, last: int) -> None:
         fill_gusts(
             seed,
+            number,
             np.exp(-steps),
             steps,
             gust.sigma * _triangle(0.5, 0.25, 0.25),

@@ -177,9 +177,13 @@ def flights_of(
     rng = stream(recipe.seed, Branch.TEST)
     flights: dict[Kind, list[RecordedFlight]] = {kind: [] for kind in KINDS}
     while min(len(made) for made in flights.values()) < recipe.n_flights:
-        truth: list[tuple[Array, Array]] = []
-        rollouts = simulator.recorded(BATCH, rng, lambda *true: truth.append(true))  # noqa: B023
-        ((true, trims),) = truth
+        truth: dict[int, tuple[Array, Array]] = {}
+
+        def look(block: slice, y: Array, trim: Array) -> None:
+            truth[block.start] = y, trim  # noqa: B023
+
+        rollouts = simulator.recorded(BATCH, rng, look)
+        true, trims = map(np.concatenate, zip(*(truth[k] for k in sorted(truth)), strict=True))
         for y, from_trim, trim, unsafe in zip(
             rollouts.y, true, trims, rollouts.is_unsafe, strict=True
         ):

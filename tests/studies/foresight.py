@@ -13,6 +13,7 @@ from scipy.special import ndtr, ndtri
 from scipy.stats import qmc
 
 from core.planned_test.planned_test import DatasetRecipe, LateralSimulator
+from core.simulation.imperfections import seed_of
 from core.simulation.maneuver import COLUMN, Doublet
 from core.types import Array, Indices
 
@@ -66,10 +67,10 @@ class Foresight:
         planned = test.maneuver.pilot(test.dt, n, rng)
         planned = np.broadcast_to(planned, (n, *planned.shape[1:]))
         before = deepcopy(rng)
-        self._flown = self._simulator._flown(theta, planned, rng)
+        self._flown = self._simulator._flown(theta, planned.__getitem__, rng)(slice(0, n))
         self._moves = np.zeros_like(self._flown.commands)
         if not test.imperfections.are_none:
-            self._moves, _ = self._simulator._inexact(np.zeros_like(planned), n, before)
+            self._moves, _ = self._simulator._inexact(np.zeros_like(planned), n, seed_of(before))
         self.n_samples = planned.shape[1]
         self._run_up = self._moves.shape[1] - self.n_samples
         self._inputs = (self._flown.commands - self._moves)[:, self._run_up :, self._column]

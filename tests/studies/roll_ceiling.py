@@ -131,13 +131,16 @@ def warned(test: ManeuverTest, recipe: RollCeilingRecipe) -> Iterator[tuple[str,
 
 def flown(test: ManeuverTest, recipe: RollCeilingRecipe) -> tuple[Rollouts, Array]:
     """Flights as recorded, and their true outputs."""
-    simulator, parts, true = test.simulator(), list[Rollouts](), list[Array]()
-    look = lambda y, trim: true.append(complete(simulator.dictionary, y.copy(), test.dt))  # noqa: E731
+    simulator, parts, true = test.simulator(), list[Rollouts](), dict[int, Array]()
     for first in range(0, recipe.n_flights, 2048):
         n = min(2048, recipe.n_flights - first)
+
+        def look(block: slice, y: Array, trim: Array) -> None:
+            true[first + block.start] = complete(simulator.dictionary, y.copy(), test.dt)  # noqa: B023
+
         parts.append(simulator.recorded(n, stream(recipe.seed, Branch.TEST, first), look))
     flights = Rollouts(*map(np.concatenate, zip(*parts, strict=True)))
-    return flights, np.concatenate(true)
+    return flights, np.concatenate([true[first] for first in sorted(true)])
 
 
 def _peaks(test: ManeuverTest, learned: Rollouts) -> RidgeForecast:

@@ -249,7 +249,7 @@ def test_records_are_the_true_outputs_from_the_reported_trim() -> None:
     recipe = replace(DatasetRecipe(), imperfections=inexact, noise=SensorNoise())
     seen: list[tuple[Array, Array]] = []
     flown = LateralSimulator(recipe).recorded(
-        20, np.random.default_rng(3), lambda *y: seen.append(y)
+        20, np.random.default_rng(3), lambda block, y, trim: seen.append((y, trim))
     )
     ((true, trim),) = seen
     np.testing.assert_allclose(flown.y, true, rtol=0, atol=1e-15)

@@ -120,7 +120,7 @@ def test_trim_is_the_mean_at_rest_of_each_rollout():
 
 
 def fly(planned: np.ndarray, n: int, most: int = 10, **errors: Any):
-    return Imperfections(**errors).fly(planned, n, DT, most, np.random.default_rng(0))
+    return Imperfections(**errors).fly(planned, n, DT, most, seed_of(np.random.default_rng(0)))
 
 
 def test_a_rollout_rests_until_its_first_input_and_no_longer_than_planned():
