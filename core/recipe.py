@@ -144,7 +144,7 @@ def instead_of(word: str, known: Iterable[str]) -> str:
     closest = max(known, key=lambda each: _similarity(word, each), default="") if word else ""
     if closest and _similarity(word, closest) >= CLOSE:
         return f"did you mean {closest}?"
-    return f"choose {', '.join(known)}"
+    return f"choose {', '.join(known)}" if known else "omit it"
 
 
 def _similarity(word: str, known: str) -> float:

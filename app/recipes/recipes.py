@@ -371,10 +371,15 @@ def read_plain(path: Path) -> Any:
 
 
 def set_path(plain: dict[str, Any], dotted: str, value: Any) -> None:
-    """Set `a.b.c` in nested objects, creating missing ones."""
+    """Set `a.b.c` in nested objects, creating missing ones.
+
+    Another kind of a monitor's part begins with its own defaults.
+    """
     *parents, last = dotted.split(".")
     for parent in parents:
         plain = plain.setdefault(parent, {})
         if not isinstance(plain, dict):
             raise RecipeError(f"{dotted} cannot be set: {parent} is a value, not an object")
+    if parents[:1] == ["monitor"] and last == "kind" and plain.get(last, value) != value:
+        plain.clear()
     plain[last] = value

@@ -214,7 +214,8 @@ class GenericAircraft(NonlinearAircraft):
     def __post_init__(self) -> None:
         if len(self.theta) != len(GENERIC_NAMES) or not np.isfinite(self.theta).all():
             raise ValueError(
-                f"theta has {len(self.theta)} numbers: give {len(GENERIC_NAMES)} finite ones"
+                f"theta has {len(self.theta)} numbers, {np.isfinite(self.theta).sum()} of them "
+                f"finite: give {len(GENERIC_NAMES)} finite ones"
             )
         super().__post_init__()
 

@@ -314,6 +314,11 @@ def flight_limits(texts: Sequence[str]) -> dict[str, float | None]:
         _, ends, requirements = extended(ALL_CHANNELS, (), texts)
         if requirements:
             raise ValueError("a nonlinear aircraft is limited by channel: write it as Nz=LOW..HIGH")
+        if not ends.keys() <= set(ALL_CHANNELS.keys):
+            raise ValueError(
+                f"{', '.join(texts)} was given, and limits with a time and requirements need "
+                "--rollouts or --simulator: limit a nonlinear aircraft as Nz=LOW..HIGH"
+            )
         return LoadLimits.given(ends)
     except ValueError as error:
         raise RecipeError(str(error)) from None

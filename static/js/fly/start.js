@@ -139,7 +139,8 @@ function startForm({ monitors, sets, datasets, recordings, query, api, navigate 
   );
   const epsilon = numberInput({ min: 0, max: 1, value: query.get("epsilon") });
   const served = h("span");
-  const asked = query.get("kind") ?? (query.get("dataset") ? "replay" : "simulated");
+  const own = monitors.some((each) => each.id === query.get("monitor") && !isSimulated(each));
+  const asked = query.get("kind") ?? (query.get("dataset") || own ? "replay" : "simulated");
   const kind = radioGroup({ name: "kind", ways: KINDS, value: KINDS.some(([name]) => name === asked) ? asked : "simulated", label: "Source" });
   const outcome = select([["unsafe", "exceeds its limit"], ["safe", "stays within its limit"], ["any", "random"]], { value: query.get("outcome") });
   const seed = numberInput({ min: 0, step: 1, value: query.get("seed") ?? 1 });

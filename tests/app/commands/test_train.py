@@ -80,6 +80,24 @@ def printed_recipe(capsys: pytest.CaptureFixture, *options: str) -> dict[str, An
     return json.loads(capsys.readouterr().out)["dataset"]
 
 
+def test_another_method_replaces_that_of_a_recipe_file(tmp_path: Path, capsys):
+    recipe = tmp_path / "recipe.json"
+    assert main(["train", "--print-recipe"]) == 0
+    recipe.write_text(capsys.readouterr().out)
+    method = ("--predictor", "linear", "--score", "nearest_neighbor")
+    assert main(["train", "--recipe", str(recipe), *method, "--print-recipe"]) == 0
+    assert json.loads(capsys.readouterr().out)["monitor"]["predictor"] == {"kind": "linear"}
+
+
+@pytest.mark.parametrize("limit", ["Nz=..2.2g for 0.2 s", "always (Nz < 2.2 or alpha < 0.1)"])
+def test_a_nonlinear_aircraft_refuses_a_computed_limit_by_its_words(limit: str, capsys):
+    pitch = ("--aircraft", "f16_polynomial", "--maneuver", "pitch_doublet", "--limit", limit)
+    assert main(["train", *pitch, "--print-recipe"]) == 1
+    error = capsys.readouterr().err
+    assert limit in error
+    assert "--rollouts" in error
+
+
 def test_a_pilot_is_in_the_loop_of_captures_and_where_one_is_asked_for(capsys):
     assert "pilot" not in printed_recipe(capsys)
     assert printed_recipe(capsys, "--maneuver", "bank_capture")["pilot"]["kind"] == "crossover"

@@ -212,6 +212,13 @@ def test_the_form_opens_with_the_epsilon_of_its_address(fly: Fly) -> None:
     expect(fly.page.get_by_label("ε, accepted miss rate")).to_have_value("0.3")
 
 
+def test_a_monitor_of_an_own_simulator_is_offered_a_replay(fly: Fly) -> None:
+    own = fly.ask("GET", "/monitors")[0] | {"dataset_recipe": {"simulator": "pitch:pitch"}}
+    fly.page.route("**/api/v1/monitors", lambda route: route.fulfill(json=[own]))
+    fly.page.goto(f"{fly.site.http}/#/fly?monitor={own['id']}")
+    expect(fly.page.get_by_label("Replay")).to_be_checked()
+
+
 def test_an_alarm_stays_seen_and_heard_until_it_is_acknowledged(fly: Fly) -> None:
     fly.watch(UNSAFE, ("pause", None), ("next_alert", None))
     expect(fly.banner).to_contain_text("ALERT at")
