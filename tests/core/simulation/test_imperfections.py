@@ -12,6 +12,7 @@ from core.planned_test import maneuver_simulator
 from core.planned_test.planned_test import USUAL_NOISE, DatasetRecipe, LateralSimulator, SensorNoise
 from core.simulation import imperfections
 from core.simulation.aircraft import AIRCRAFT, MatrixAircraft, PublishedAircraft
+from core.simulation.control_law import Actuator
 from core.simulation.imperfections import (
     USUAL_IMPERFECTIONS,
     Imperfections,
@@ -273,6 +274,17 @@ def test_bits_of_a_rollout_do_not_depend_on_the_threads(monkeypatch):
             np.testing.assert_array_equal(again.fail_index, everything.fail_index)
     other = LateralSimulator(recipe).rollouts(300, np.random.default_rng(3))
     assert not np.array_equal(other.y, everything.y)
+
+
+@pytest.mark.parametrize("rate", [None, 60.0])
+def test_outputs_without_the_unused_run_up_end_as_the_whole_ones(rate: float | None):
+    law = replace(CLEAN.control_law, actuator=Actuator(rate_limit_deg_s=rate))
+    simulator = LateralSimulator(replace(CLEAN, control_law=law).as_flown())
+    drawn = simulator._drawn(20, np.random.default_rng(2))
+    some = simulator.outputs(drawn._replace(unused=10))
+    whole = simulator.outputs(drawn)
+    assert whole.shape[1] - some.shape[1] == 8  # whole blocks of four
+    np.testing.assert_array_equal(some, whole[:, 8:])
 
 
 def test_a_recipe_flies_the_rollouts_of_earlier_versions():
