@@ -11,7 +11,8 @@ from core.dataset import Dataset
 from core.evaluation.rates import evaluate
 from core.kernels.peak_ridge import PeakWeights
 from core.limits.limits import Envelope, Limits, magnitudes_of
-from core.monitor import Monitor, MonitorRecipe, State, train
+from core.monitor import Monitor, MonitorRecipe, train
+from core.monitor.assessment import STATES
 from core.monitor.file.loading import from_bytes
 from core.monitor.file.portable import MonitorFileError, pack
 from core.monitor.peak_forecast import LOST, NOT_BEGUN, OVER, NothingAhead, PeakAhead
@@ -188,7 +189,7 @@ def test_a_stream_is_the_batch_bit_for_bit(monitor):
             assert (one.score, one.reason) == (same.score, same.reason)
             assert (one.y_hat is None) == (same.y_hat is None)
             assert one.y_hat is None or (one.y_hat == same.y_hat).all()
-    assert states == set(State)
+    assert states == set(STATES)
     assert LOST in reasons
 
 

@@ -11,6 +11,7 @@ from core.card import CardError
 from core.evaluation.rates import evaluate
 from core.kernels.response_filter import SIGN, SWITCHED, CardResponses, begin, update
 from core.monitor import Monitor, MonitorRecipe, State, train
+from core.monitor.assessment import STATES
 from core.monitor.file.loading import from_bytes
 from core.monitor.file.portable import MonitorFileError, pack
 from core.monitor.peak_forecast import LOST, NOT_BEGUN, OVER, ForecastAhead, NothingAhead
@@ -215,7 +216,7 @@ def test_a_stream_is_the_batch_bit_for_bit(score: str):
             assert (one.score, one.reason) == (same.score, same.reason)
             assert (one.y_hat is None) == (same.y_hat is None)
             assert one.y_hat is None or (one.y_hat == same.y_hat).all()
-    assert states == set(State)
+    assert states == set(STATES)
 
 
 @pytest.mark.parametrize("score", SCORES_OF_CARD)
