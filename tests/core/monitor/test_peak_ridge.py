@@ -11,7 +11,7 @@ from core.dataset import Dataset
 from core.evaluation.rates import evaluate
 from core.kernels.peak_ridge import PeakWeights
 from core.limits.limits import Envelope, Limits, magnitudes_of
-from core.monitor import Monitor, MonitorRecipe, train
+from core.monitor import Monitor, MonitorRecipe, State, train
 from core.monitor.assessment import STATES
 from core.monitor.file.loading import from_bytes
 from core.monitor.file.portable import MonitorFileError, pack
