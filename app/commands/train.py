@@ -1,9 +1,10 @@
 """`forewarn train`: simulate, train and test a monitor; print a summary and write its file."""
 
 import argparse
+import sys
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import closing
+from contextlib import closing, redirect_stdout
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -159,7 +160,8 @@ def run(options: argparse.Namespace) -> int:
 def run_on_simulator(options: argparse.Namespace) -> int:
     plain = monitor_options(options)
     recipe = from_plain(MonitorRecipe(), monitor_as_ordered(plain)).as_planned()
-    test = own_test(options, recipe.t_early)
+    with redirect_stdout(sys.stderr):  # the results alone are on the output
+        test = own_test(options, recipe.t_early)
     check_file(options.out)
     check_epsilon(recipe.epsilon, test.n_unsafe, recipe.guarantee)
     if recipe.predictor.forecast == "card":
@@ -167,7 +169,7 @@ def run_on_simulator(options: argparse.Namespace) -> int:
     n_test = vars(options).get(".n_test")
     n_test = TrainingRecipe(n_test=N_TEST if n_test is None else n_test).n_test
     choose = not monitor_options(options).keys() & {"predictor", "score"}
-    with executor_at(options.scheduler) as executor:
+    with redirect_stdout(sys.stderr), executor_at(options.scheduler) as executor:
         dataset = simulated(test, executor)
         flights = dataset.flights()
         test.flown_by.check_unlike(flights.y)

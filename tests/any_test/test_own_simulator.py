@@ -1,6 +1,7 @@
 """A simulator in Python by the command line: `forewarn train --simulator module:name`."""
 
 import json
+import re
 import shutil
 import sys
 from collections.abc import Iterator
@@ -114,9 +115,15 @@ def test_dataset_and_monitor_are_stored_and_no_request_runs_the_code(trained: tu
 
 
 def test_the_method_is_chosen_on_fresh_flights(folder: Path, tmp_path: Path, capsys: Any):
+    """Also: what the simulator prints stays out of the results."""
+    quiet = (folder / "my_pitch.py").read_text()
+    loud = re.sub(r"^(def fly.*:\n)", r'\1    print("a flight")\n', quiet, flags=re.MULTILINE)
+    (folder / "my_loud.py").write_text(loud)
     options = [*OPTIONS, "--guarantee", "average", "--json", "-o", str(tmp_path / "m.fwm")]
-    assert main(["train", "--simulator", "my_pitch:pitch", *options]) == 0
-    said = json.loads(capsys.readouterr().out)
+    assert main(["train", "--simulator", "my_loud:pitch", *options]) == 0
+    printed = capsys.readouterr()
+    assert "a flight" in printed.err
+    said = json.loads(printed.out)
     assert [method["chosen"] for method in said["methods"]].count(True) == 1
     assert said["evaluation"]["flights"]["choose the method"] == 1000
     assert said["validity"] == "calibrated"
