@@ -46,4 +46,7 @@ def test_a_server_without_a_token_has_nothing_to_log_out_of(page: Page, tmp_path
         page.goto(site.http)
         expect(page.get_by_role("link", name="Monitors", exact=True)).to_be_visible()
         expect(page.get_by_role("button", name="Log out")).to_be_hidden()
+        nav = page.locator(".nav")
+        expect(nav.get_by_role("link", name="People")).to_be_visible()
+        assert nav.evaluate("({ scrollWidth, clientWidth }) => scrollWidth <= clientWidth")
         page.goto("about:blank")
