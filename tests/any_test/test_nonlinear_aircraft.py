@@ -99,7 +99,7 @@ def test_the_recipe_is_printed_and_read_again(capsys: pytest.CaptureFixture[str]
     ("given", "told"),
     [
         (["--limit", "theta=..10deg"], "theta cannot be limited"),
-        (["--limit", "Nz=..0.5g"], "Nz: limits -inf to 0.5"),
+        (["--limit", "Nz=..0.5g"], "below 0.5 g"),
         (["--set", "dataset.condition.mach=1.2"], "mach=1.2"),
         (["--set", "dataset.condition.load_factor=30"], "no trim"),
         (["--maneuver", "wind_up_turn", "--amplitude", "4"], "below 0"),
