@@ -68,6 +68,12 @@ def run(options: argparse.Namespace) -> int:
         print(f"not scored: {flight}: {reason}", file=sys.stderr)
     for flight, first in done.copies.items():
         print(f"not scored: {flight}: a copy of {first}", file=sys.stderr)
+    if done.doubted:
+        print(
+            f"{counted(done.doubted, 'recording')} scored by a mapping that is a guess: see "
+            "mapping_confidence in summary.parquet, or give --mapping",
+            file=sys.stderr,
+        )
     text = (
         f"{counted(done.scored, 'recording')} scored, {done.unchanged} unchanged, "
         f"{len(done.copies)} copies, {len(done.failed)} not scored; see "

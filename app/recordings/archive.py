@@ -42,6 +42,8 @@ from app.recordings.scored import scoring_fields
 from app.recordings.scored_file import Scored, ScoreRequest, labels, load_monitors, score_file
 from app.store.tables import now
 from app.telemetry.mapping.applying import time_zero
+from app.telemetry.mapping.group_times import DOUBTED
+from app.telemetry.mapping.proposal import Proposal
 from app.telemetry.readers import isolation
 from core import __version__
 from core.monitor import Monitor
@@ -77,14 +79,16 @@ Count = Literal[
 COUNTS: tuple[str, ...] = get_args(Count)
 ADDED = "exceedances_as_recorded"
 """Not in tables of version 0.2.0 and earlier, whose `exceedances` include these."""
+CONFIDENCE = "mapping_confidence"
+"""The least in a channel of a proposed mapping; also not in those tables."""
 SUMMARY = (
     dict.fromkeys(("monitor", "aircraft", "flight", "month", "samples"), "string")
-    | dict.fromkeys(("epsilon", "start", "end", "peak_risk"), "float64")
+    | dict.fromkeys(("epsilon", "start", "end", "peak_risk", CONFIDENCE), "float64")
     | dict.fromkeys(COUNTS, "int64")
 )
 FILES = dict.fromkeys(("flight", "digest", "error", "copy_of"), "string") | {"size": "int64"}
 """Types of the columns of the tables."""
-LAYOUT = 3
+LAYOUT = 4
 """Of a record, which is made again where it has another."""
 DETAILS = ("mapping", "time_zero", "request", "details")
 """What a record has besides the rows of the summary."""
@@ -118,10 +122,14 @@ class ArchiveRequest:
 
 @dataclass(frozen=True)
 class Archived:
-    """Numbers of flights.   failed: reason by file.   copies: flight with the same content."""
+    """Numbers of flights.   failed: reason by file.   copies: flight with the same content.
+
+    doubted: those whose mapping is a guess: its confidence is below `DOUBTED`.
+    """
 
     scored: int
     unchanged: int
+    doubted: int
     failed: dict[str, str]
     copies: dict[str, str]
 
@@ -222,8 +230,9 @@ class ArchiveScorer:
         except Exception as error:  # whatever is wrong with one file, the others are scored
             self._request.out.delete(file.record)
             return {"flight": file.flight, "error": _reason(error, file)}
+        confidence = {CONFIDENCE: _confidence(scored.proposal)}
         rows = [
-            self._stored(file, each, name)
+            self._stored(file, each, name) | confidence
             for each, name in zip(scored.scored, self._names, strict=True)
         ]
         record = {"flight": file.flight, "key": self._key(content), "digest": content}
@@ -374,7 +383,16 @@ def score_archive(
     failed = {each["flight"]: each["error"] for each in results if "error" in each}
     unchanged = sum(bool(each.get("is_unchanged")) for each in results)
     n_scored = len(results) - len(failed) - len(copies) - unchanged
-    return Archived(n_scored, unchanged, failed, copies)
+    doubted = len({row["flight"] for row in rows if (row[CONFIDENCE] or 1.0) < DOUBTED})
+    return Archived(n_scored, unchanged, doubted, failed, copies)
+
+
+def _confidence(proposal: Proposal | None) -> float | None:
+    """The least in a channel of the mapping; None if the mapping was given."""
+    if proposal is None:
+        return None
+    each = (proposal.rationales.get(key) for key in proposal.mapping.channels)
+    return min((rationale.confidence for rationale in each if rationale), default=None)
 
 
 def _monitors_in(out: ResultFolder) -> set[str]:

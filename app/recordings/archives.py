@@ -19,6 +19,7 @@ from app.assessment import sample_type
 from app.recordings.archive import (
     ABOUT,
     ADDED,
+    CONFIDENCE,
     COUNTS,
     FILES,
     ID_LETTERS,
@@ -201,7 +202,7 @@ class ScoredArchive:
         except pa.ArrowException as error:
             raise ArchiveError(f"{self.folder} is damaged: {error}: {SCORE_AGAIN}") from None
         for table, kinds in zip(tables, (SUMMARY, FILES), strict=True):
-            if missing := kinds.keys() - {*table.column_names, ADDED}:
+            if missing := kinds.keys() - {*table.column_names, ADDED, CONFIDENCE}:
                 raise ArchiveError(
                     f"{self.folder} has tables without {', '.join(sorted(missing))}: {SCORE_AGAIN}"
                 )
@@ -210,8 +211,9 @@ class ScoredArchive:
                 f"{self.folder} is being written, or its writing was interrupted: {SCORE_AGAIN}"
             )
         summary, files = tables
-        if ADDED not in summary.column_names:
-            summary = summary.append_column(ADDED, pa.nulls(len(summary), pa.int64()))
+        for name in {ADDED, CONFIDENCE} - {*summary.column_names}:
+            kind = pa.type_for_alias(SUMMARY[name])
+            summary = summary.append_column(name, pa.nulls(len(summary), kind))
         return ArchiveTables(plain, summary, files)
 
     def _record(self, flight_id: str) -> dict[str, Any]:

@@ -96,6 +96,10 @@ class ArchiveRow(ArchiveCounts):
     epsilon: float
     start: float | None = Field(description="[s]")
     end: float | None = Field(description="[s]")
+    mapping_confidence: float | None = Field(
+        default=None,
+        description="the least in a channel of a proposed mapping, 0 to 1; null if it was given",
+    )
     samples: str = Field(description="path of the samples in the archive")
 
 

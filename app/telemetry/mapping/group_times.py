@@ -31,7 +31,7 @@ CHOOSE = "choose another signal as the time"
 RATE_CONFIDENCE = 0.9
 """Confidence in a declared rate: lost rows leave no trace."""
 DOUBTED = 0.6
-"""A rate from the format or a person replaces a time of less confidence."""
+"""Less confidence is a guess; a rate from the format or a person replaces such a time."""
 BACKWARD = 0.3
 """Factor on the confidence in a declared time that does not run forward."""
 

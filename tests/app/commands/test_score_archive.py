@@ -112,6 +112,24 @@ def test_an_exceedance_as_recorded_only_is_counted_apart_and_the_counts_add_up(
     assert sum(row[name] for name in outcomes) == 2
 
 
+def test_a_recording_of_a_guessed_mapping_is_marked(
+    source: Path, tmp_path: Path, scored: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(archive, "DOUBTED", 0.8)
+    text = (source / "D-FLY/two.csv").read_text().partition("\n")[2]
+    (source / "no_units.csv").write_text("t,beta,p,r,Ny,da,dr\n" + text)
+    assert scored()["doubted"] == 1
+    sure = {row["flight"]: row["mapping_confidence"] for row in tables(tmp_path / "out")[0]}
+    assert [flight for flight, each in sure.items() if each < 0.8] == ["no_units.csv"]
+
+
+def test_a_mapping_that_is_given_is_no_guess(source: Path, tmp_path: Path, scored: Any) -> None:
+    file = str(source / "D-FLY/two.csv")
+    main(["score", str(MONITOR_FILE), file, "-o", str(tmp_path / "one")])
+    assert scored("--mapping", str(tmp_path / "one" / "mapping.json"))["doubted"] == 0
+    assert {row["mapping_confidence"] for row in tables(tmp_path / "out")[0]} == {None}
+
+
 def test_the_tables_are_read_by_aircraft_and_month(
     source: Path, tmp_path: Path, scored: Any
 ) -> None:

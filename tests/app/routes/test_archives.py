@@ -14,7 +14,7 @@ import pytest
 from starlette.testclient import TestClient
 
 from app.cli import main
-from app.recordings.archive import ABOUT, ADDED, FILES, SUMMARY
+from app.recordings.archive import ABOUT, ADDED, CONFIDENCE, FILES, SUMMARY
 from tests.support.api import api, problem
 from tests.support.places import DATA
 
@@ -55,7 +55,12 @@ def large(tmp_path_factory: pytest.TempPathFactory) -> Path:
     about = {ABOUT: json.dumps({"scored": "2026", "version": "1", "source": "s", "monitors": []})}
     for name, kinds in (("summary", SUMMARY), ("files", FILES)):
         schema = pa.schema(
-            [(key, pa.type_for_alias(kind)) for key, kind in kinds.items() if key != ADDED], about
+            [
+                (key, pa.type_for_alias(kind))
+                for key, kind in kinds.items()
+                if key not in (ADDED, CONFIDENCE)
+            ],
+            about,
         )
         plain = rows if kinds is SUMMARY else [{"flight": row["flight"]} for row in rows]
         pq.write_table(pa.Table.from_pylist(plain, schema), folder / f"{name}.parquet")
