@@ -74,6 +74,10 @@ class IntegrityReport(BaseModel):
         description="recordings and live flights whose files are in another data directory: "
         "listed, not readable"
     )
+    unlisted: int = Field(
+        description="recordings and live flights whose files are in the data directory, and which "
+        "the database does not list: it may be an older one, or that of another server"
+    )
     older: str = Field(
         description="one sentence if the database is older than at its last good stop, else empty"
     )
@@ -116,6 +120,7 @@ async def integrity(request: Request) -> IntegrityReport:
         unverified=len(known.unverified),
         damaged=damaged,
         elsewhere=await asyncio.to_thread(known.n_elsewhere),
+        unlisted=await asyncio.to_thread(known.n_unlisted),
         older=request.app.state.store.last_stop.older,
     )
 

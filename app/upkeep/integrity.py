@@ -5,6 +5,7 @@ enough not to disturb flights. Damage is reported; readers check again and never
 """
 
 import logging
+import re
 import threading
 import time
 from collections import Counter
@@ -22,7 +23,7 @@ from app.store.database import Damaged, Interrupted, check_pages
 from app.store.recordings import RecordingInfo
 from app.store.repository import Entry
 from app.store.store import NotFound, Store, StoreError, open_store
-from app.telemetry.journal import Journals
+from app.telemetry.journal import ENDING, Journals
 from app.upkeep.archive import JOURNALS, RECORDINGS
 
 LOG = logging.getLogger("forewarn")
@@ -32,6 +33,7 @@ PIECE_S = 0.01
 """Work between two rests [s]."""
 REST = 4.0
 """Rest after work, in units of its duration: this uses a fifth of one processor."""
+ID = re.compile(r"[0-9a-f]{12}")
 Kind = Literal["database", "monitor", "dataset", "recording", "scoring", "flight"]
 State = Literal["begun", "checking", "checked", "stopped"]
 
@@ -210,6 +212,7 @@ class Integrity:
         self.unverified: set[str] = set()
         """ids of flights without a digest of their samples or journal"""
         self._elsewhere: set[str] = set()
+        self._unlisted: set[str] = set()
         self._pace = Pace()
         self._known_damage: dict[tuple[Kind, str, str], Damage] = {}
         self._thread = threading.Thread(target=self._run, name="integrity", daemon=True)
@@ -228,9 +231,32 @@ class Integrity:
     def n_elsewhere(self) -> int:
         """Number of recordings and journals in another data directory, without those deleted."""
         if self._elsewhere:
-            stored = *self.store.recordings.all(), *self.store.flights.all()
-            self._elsewhere &= {info.id for info in stored}
+            self._elsewhere &= self._listed()
         return len(self._elsewhere)
+
+    def n_unlisted(self) -> int:
+        """Number of recordings and journals of this data directory that the database lacks."""
+        if self._unlisted:
+            self._unlisted &= self._ids_of_files() - self._listed()
+        return len(self._unlisted)
+
+    def _find_unlisted(self) -> None:
+        self._unlisted = self._ids_of_files() - self._listed()
+        if self.n_unlisted():  # those of an upload that has just ended are listed by now
+            LOG.warning(
+                "%s: the database does not list the files of %s there: serve it with the database "
+                "that does, or delete them",
+                self.files.root.parent,
+                ", ".join(sorted(self._unlisted)),
+            )
+
+    def _listed(self) -> set[str]:
+        return {info.id for info in (*self.store.recordings.all(), *self.store.flights.all())}
+
+    def _ids_of_files(self) -> set[str]:
+        folders = {path.name for path in self.files.root.glob("*") if path.is_dir()}
+        journals = {path.stem for path in self.journals.root.glob(f"*{ENDING}")}
+        return {name for name in folders | journals if ID.fullmatch(name)}
 
     def start(self) -> None:
         self._thread.start()
@@ -247,6 +273,7 @@ class Integrity:
         self._note_pages(lines)
         self.n_checked = 0
         try:
+            self._find_unlisted()
             about = self.store, self.files, self.journals, self.unverified
             for item in all_items(*about, pace.rest):
                 try:

@@ -71,8 +71,8 @@ async function showDamage() {
   const element = part("#damage");
   clearTimeout(checking);
   try {
-    const [{ state: check, damaged, elsewhere, older }, { warning }] = await Promise.all([api.get("/integrity"), api.get("/storage/space").catch(() => ({ warning: "" }))]);
-    element.textContent = damageWords(damaged) || elsewhereWords(elsewhere) || (older ? `◆ Data missing: ${older}.` : warning && `◆ Low disk space: ${warning}.`);
+    const [{ state: check, damaged, elsewhere, unlisted, older }, { warning }] = await Promise.all([api.get("/integrity"), api.get("/storage/space").catch(() => ({ warning: "" }))]);
+    element.textContent = damageWords(damaged) || elsewhereWords(elsewhere) || unlistedWords(unlisted) || (older ? `◆ Data missing: ${older}.` : warning && `◆ Low disk space: ${warning}.`);
     element.hidden = element.textContent === "";
     if (["begun", "checking"].includes(check)) checking = setTimeout(showDamage, CHECKED_EVERY);
   } catch {
@@ -86,10 +86,9 @@ function damageWords([first, ...others]) {
   return `◆ Damaged data, not served: ${first.kind} ${first.name}: ${first.detail}.${more}`;
 }
 
-function elsewhereWords(n) {
-  if (!n) return "";
-  return `◆ Files of ${n} ${n === 1 ? "recording or flight" : "recordings or flights"} are in another data directory.`;
-}
+const filesOf = (n) => `◆ Files of ${n} ${n === 1 ? "recording or flight" : "recordings or flights"}`;
+const elsewhereWords = (n) => (n ? `${filesOf(n)} are in another data directory.` : "");
+const unlistedWords = (n) => (n ? `${filesOf(n)} are not in this database: it may be an older one. Serve the newest (--database-url).` : "");
 
 const viewOf = (name) => (Object.hasOwn(VIEWS, name) ? VIEWS[name] : UNKNOWN);
 

@@ -27,6 +27,8 @@ def test_what_is_damaged_stands_above_every_view_until_it_is_deleted(
             connection.execute(update(monitor_parts).values(content=b"something else"))
         page.goto("about:blank")
         site.stop()
+        newer = tmp_path / "recordings" / "0123456789ab"
+        newer.mkdir(parents=True)
         site.start_again()
         page.goto(f"{site.http}/#/fly")
         expect(notice).to_contain_text("not served: monitor doublet", timeout=LONG)
@@ -35,5 +37,8 @@ def test_what_is_damaged_stands_above_every_view_until_it_is_deleted(
         assert page.locator("#page").bounding_box()["height"] > 500  # pyright: ignore
         site.store.monitors.delete(monitor)
         page.goto(f"{site.http}/#/fly")
+        expect(notice).to_contain_text("Files of 1 recording or flight are not in this database")
+        newer.rmdir()
+        page.goto(f"{site.http}/#/monitors")
         expect(notice).to_be_hidden()
         page.goto("about:blank")

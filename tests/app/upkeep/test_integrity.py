@@ -165,6 +165,23 @@ def test_a_folder_that_lies_elsewhere_is_no_damage(kept: Kept, store: Store) -> 
     assert other.n_elsewhere() == 0
 
 
+def test_files_that_the_database_does_not_list_are_counted(kept: Kept, store: Store) -> None:
+    journals = Journals(kept.data_dir / "live")
+    known = Integrity(store, RecordingFiles(kept.folder.parent), journals)
+    known.check_all()
+    assert known.n_unlisted() == 0
+    newer = kept.folder.with_name("0123456789ab")
+    newer.mkdir()
+    journal = journals.path("ba9876543210")
+    journal.parent.mkdir(exist_ok=True)
+    journal.touch()
+    known.check_all()
+    assert (known.n_unlisted(), known.damaged()) == (2, [])
+    newer.rmdir()
+    journal.unlink()
+    assert known.n_unlisted() == 0
+
+
 def test_what_was_deleted_since_is_damaged_no_more(kept: Kept, store: Store) -> None:
     spoil_rows(store, dataset_blocks)
     known = checked(store, kept)
