@@ -283,7 +283,9 @@ def parameters_of(own: Any) -> Parameters:
     except (TypeError, ValueError, KeyError, IndexError):
         pairs = np.full((1, 2), np.nan)
     if not (np.isfinite(pairs).all() and (pairs[:, 1] >= 0).all()):
-        raise OwnCodeError(f"parameters is {given!r}: give {{name: (nominal value, spread)}}")
+        raise OwnCodeError(
+            f"parameters is {given!r}: give {{name: (nominal value, spread of 0 or more)}}"
+        )
     if distribution not in get_args(Distribution):
         raise OwnCodeError(f"distribution is {distribution!r}: give normal or uniform")
     return Parameters(tuple(map(str, given)), pairs[:, 0].copy(), pairs[:, 1].copy(), distribution)

@@ -327,7 +327,7 @@ def test_flights_must_be_reproducible_and_unlike_each_other(own: Any, told: str)
         (replace(pitch, noise=NOISE | {"Ny": 0.1}), "'Ny' is unknown"),
         (replace(pitch, noise=NOISE | {"Nz": -0.1}), "noise=-0.1 in Nz"),
         (replace(pitch, channels=["alpha", "load"]), "'load' is unknown"),
-        (replace(pitch, parameters={"gain": (1.0, -0.1)}), "nominal value, spread"),
+        (replace(pitch, parameters={"gain": (1.0, -0.1)}), "spread of 0 or more"),
         (replace(pitch, parameters={"gain": 1.0}), "nominal value, spread"),
         (replace(pitch, distribution="gaussian"), "normal or uniform"),
     ],
