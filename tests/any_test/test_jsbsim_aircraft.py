@@ -131,7 +131,7 @@ def test_a_turn_begins_at_its_load_factor():
         ),
         ({"maneuver": {"kind": "pitch_capture"}}, "choose the pilot open_loop"),
         ({"pilot": {"kind": "crossover"}}, "choose the pilot open_loop"),
-        ({"limits": {"Nz_high": 0.5}}, "Nz: limits"),
+        ({"limits": {"Nz_high": 0.5}}, "below 0.5 g"),
     ],
 )
 def test_a_test_that_cannot_be_flown_is_refused(changes: dict[str, Any], told: str, tmp_path: Path):

@@ -57,7 +57,7 @@ export function showCampaign(element, { id, api, navigate }) {
       h("p.dim", campaign.aircraft.join("; ")),
       next.element,
       conditions.map(buildUp),
-      table({ columns: POINTS, items: points, row: ({ name }) => ({ "data-point": name }) }),
+      table({ columns: POINTS, items: points, row: ({ name }) => ({ "data-point": name }), classes: "table-points" }),
       isComputed &&
         h("p", `Probability that any computed clearance leads to an exceedance${unwarned}: at most ${percentAtMost(most)}, over the simulated aircraft and flights.`),
       campaign.n_complete ? derivatives(api, path) : null,

