@@ -1,13 +1,13 @@
 """Score the recordings of a folder tree into Parquet files that other programs read as they are.
 
-    OUT/summary.parquet        a row for each flight and scoring; its metadata say when, by what
+    OUT/summary.parquet        a row for each flight and scoring; metadata: time, monitors
         files.parquet          a row for each file of the source, with the reason if it failed
                                and the flight that it is a copy of, which alone is scored
         samples/monitor=M/aircraft=A/month=YYYY-MM/ID.parquet
-        flights/ID.json        what was scored, by what, with its manoeuvres; written after its
-                               samples: work continues after it
+        flights/ID.json        the scorings of a flight with their manoeuvres; written after its
+                               samples, so that interrupted work continues there
 
-ID is of the file's path. Of the tables, files.parquet is written last, with equal metadata. A
+ID is a digest of the file's path. files.parquet is written last; both tables have equal metadata. A
 flight is scored again when its file, a monitor, the mapping, a setting or the program has changed.
 """
 
@@ -26,7 +26,7 @@ from functools import cache
 from io import BytesIO
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 from urllib.parse import quote
 
 import numpy as np
@@ -36,8 +36,13 @@ from app.assessment.outcome import WITHOUT_VERDICT
 from app.messages import limited_channels
 from app.recordings.exports import EXPORTS, ExportColumn, columns
 from app.recordings.files import digest_of
-from app.recordings.remote_files import RemoteFile, remote_files
-from app.recordings.result_folder import LocalFolder, ResultFolder, result_folder
+from app.recordings.result_folder import (
+    LocalFolder,
+    RemoteFile,
+    ResultFolder,
+    remote_files,
+    result_folder,
+)
 from app.recordings.scored import scoring_fields
 from app.recordings.scored_file import Scored, ScoreRequest, labels, load_monitors, score_file
 from app.store.tables import now
@@ -48,6 +53,9 @@ from app.telemetry.readers import isolation
 from core import __version__
 from core.monitor import Monitor
 from core.tasks import Tasks
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 ID_LETTERS = 16
 RECORDS, SAMPLES = "flights", "samples"
@@ -77,21 +85,19 @@ Count = Literal[
     "validity_unknown",
 ]
 COUNTS: tuple[str, ...] = get_args(Count)
-ADDED = "exceedances_as_recorded"
-"""Not in tables of version 0.2.0 and earlier, whose `exceedances` include these."""
-CONFIDENCE = "mapping_confidence"
-"""The least in a channel of a proposed mapping; also not in those tables."""
+ADDED = ("exceedances_as_recorded", "mapping_confidence")
+"""Columns that tables of version 0.2.0 and earlier lack; their `exceedances` include the first."""
 SUMMARY = (
     dict.fromkeys(("monitor", "aircraft", "flight", "month", "samples"), "string")
-    | dict.fromkeys(("epsilon", "start", "end", "peak_risk", CONFIDENCE), "float64")
+    | dict.fromkeys(("epsilon", "start", "end", "peak_risk", ADDED[1]), "float64")
     | dict.fromkeys(COUNTS, "int64")
 )
 FILES = dict.fromkeys(("flight", "digest", "error", "copy_of"), "string") | {"size": "int64"}
 """Types of the columns of the tables."""
 LAYOUT = 4
-"""Of a record, which is made again where it has another."""
+"""Version of the records; a record of another version is made again."""
 DETAILS = ("mapping", "time_zero", "request", "details")
-"""What a record has besides the rows of the summary."""
+"""Fields of a record besides the rows of the summary."""
 ABOUT = b"forewarn"
 """Key of the metadata of a table."""
 
@@ -124,7 +130,7 @@ class ArchiveRequest:
 class Archived:
     """Numbers of flights.   failed: reason by file.   copies: flight with the same content.
 
-    doubted: those whose mapping is a guess: its confidence is below `DOUBTED`.
+    doubted: flights mapped with less confidence than `DOUBTED`.
     """
 
     scored: int
@@ -140,7 +146,7 @@ class Archived:
 
 @dataclass(frozen=True)
 class ArchiveFile:
-    """A file to score.   path: of a remote file, its copy."""
+    """A file to score.   path: for a remote file, that of its copy."""
 
     path: Path
     flight: str
@@ -188,7 +194,7 @@ class ArchiveScorer:
         }
 
     def about(self) -> dict[str, Any]:
-        """When the archive was scored, from where and by what. Stored with its tables."""
+        """When the archive was scored, its source and monitors. Stored with its tables."""
         score = self._request.score
         pairs = [
             (monitor, path, monitor.check_epsilon(epsilon))
@@ -221,7 +227,9 @@ class ArchiveScorer:
             return before | {"is_unchanged": True}
         try:
             with file.at_hand() as file:
-                content = _checked(file)
+                if not file.path.is_file():
+                    raise ValueError(_no_file(file.path))
+                content = digest_of(file.path)
                 if before.get("key") == self._key(content):
                     return before | {"is_unchanged": True}
                 request = replace(self._request.score, file=file.path)
@@ -230,7 +238,7 @@ class ArchiveScorer:
         except Exception as error:  # whatever is wrong with one file, the others are scored
             self._request.out.delete(file.record)
             return {"flight": file.flight, "error": _reason(error, file)}
-        confidence = {CONFIDENCE: _confidence(scored.proposal)}
+        confidence = {"mapping_confidence": _confidence(scored.proposal)}
         rows = [
             self._stored(file, each, name) | confidence
             for each, name in zip(scored.scored, self._names, strict=True)
@@ -248,7 +256,7 @@ class ArchiveScorer:
         return record
 
     def _key(self, content: str) -> str:
-        """What determines a result: it is made again where it differs.   content: SHA-256."""
+        """Digest of everything that determines a result.   content: SHA-256 of the file."""
         return hashlib.sha256(json_codec.encode({**self._about, "file": content})).hexdigest()
 
     def _details(self, scored: Scored) -> dict[str, Any]:
@@ -290,11 +298,11 @@ class ArchiveScorer:
 
 
 def summary_of(scored: Scored) -> dict[str, Any]:
-    """Numbers of a scoring: of manoeuvres, but for `alerts`, runs of alerts; times in [s].
+    """Row of the summary for a scoring: counts of manoeuvres, and of alerts as runs; times [s].
 
     Each manoeuvre is warned in time or late, a miss, a false alarm, quiet or without a verdict;
-    each exceedance is warned in time or late, a miss or without a verdict. One as recorded only,
-    not from trim, is none of `exceedances`.
+    each exceedance is warned in time or late, a miss or without a verdict. `exceedances` excludes
+    those as recorded only, not from trim.
     """
     recording = scored.recording
     outcomes = [manoeuvre.outcome for manoeuvre in recording.manoeuvres]
@@ -308,7 +316,7 @@ def summary_of(scored: Scored) -> dict[str, Any]:
         "n_samples": len(t),
         "manoeuvres": len(outcomes),
         "exceedances": sum(each.exceedance is not None for each in recording.manoeuvres),
-        ADDED: sum(
+        "exceedances_as_recorded": sum(
             each.exceedance is None and each.recorded_exceedance is not None
             for each in recording.manoeuvres
         ),
@@ -328,7 +336,7 @@ def summary_of(scored: Scored) -> dict[str, Any]:
 
 
 def month_of(flight: str, start: float) -> str | None:
-    """Month of a flight as YYYY-MM: of its first sample, else of a date in its path, else None."""
+    """Month of a flight as YYYY-MM: from its first sample, else from its path, else None."""
     if start > FIRST_DATE:
         return datetime.fromtimestamp(start, UTC).strftime("%Y-%m")
     dates = MONTH.findall(flight)
@@ -383,12 +391,12 @@ def score_archive(
     failed = {each["flight"]: each["error"] for each in results if "error" in each}
     unchanged = sum(bool(each.get("is_unchanged")) for each in results)
     n_scored = len(results) - len(failed) - len(copies) - unchanged
-    doubted = len({row["flight"] for row in rows if (row[CONFIDENCE] or 1.0) < DOUBTED})
+    doubted = len({row["flight"] for row in rows if (row["mapping_confidence"] or 1.0) < DOUBTED})
     return Archived(n_scored, unchanged, doubted, failed, copies)
 
 
 def _confidence(proposal: Proposal | None) -> float | None:
-    """The least in a channel of the mapping; None if the mapping was given."""
+    """The lowest of the mapping's channels; None if the mapping was given."""
     if proposal is None:
         return None
     each = (proposal.rationales.get(key) for key in proposal.mapping.channels)
@@ -400,16 +408,22 @@ def _monitors_in(out: ResultFolder) -> set[str]:
     from pyarrow.parquet import read_schema
 
     with suppress(OSError, ValueError):
-        about = (read_schema(BytesIO(out.read("files.parquet"))).metadata or {}).get(ABOUT, b"{}")
-        return {monitor["file"] for monitor in json.loads(about).get("monitors", ())}
+        about = stored_about(read_schema(BytesIO(out.read("files.parquet"))))
+        return {monitor["file"] for monitor in about.get("monitors", ())}
     return set()
 
 
+def stored_about(schema: "pa.Schema") -> dict[str, Any]:
+    """`ArchiveScorer.about` as stored in the schema of a table; empty if it is absent."""
+    return json.loads((schema.metadata or {}).get(ABOUT, b"{}"))
+
+
 def _files(request: ArchiveRequest) -> Iterator[ArchiveFile]:
-    root, out = _folder(request), request.out
+    source, out = result_folder(request.source), request.out
+    root = source.path if isinstance(source, LocalFolder) else None
     if root is not None and not root.is_dir():
         raise ValueError(f"{root} is not a folder: give the folder of the recordings")
-    if result_folder(request.source).holds(out.root):
+    if source.holds(out.root):
         raise ValueError(f"the results in {out} would lie among the recordings: give another --out")
     if out.has(""):
         raise ValueError(f"{out} is a file: give a folder for the results")
@@ -425,22 +439,9 @@ def _files(request: ArchiveRequest) -> Iterator[ArchiveFile]:
             yield ArchiveFile(path, inside.as_posix())
 
 
-def _folder(request: ArchiveRequest) -> Path | None:
-    """The folder of the recordings; None where it is not on this machine."""
-    folder = result_folder(request.source)
-    return folder.path if isinstance(folder, LocalFolder) else None
-
-
 def record_id(flight: str) -> str:
-    """ID of a flight, of its path in the source."""
+    """ID of a flight, from its path in the source."""
     return hashlib.sha256(flight.encode()).hexdigest()[:ID_LETTERS]
-
-
-def _checked(file: ArchiveFile) -> str:
-    """SHA-256 of the content. ValueError for what is no file; OSError."""
-    if not file.path.is_file():
-        raise ValueError(_no_file(file.path))
-    return digest_of(file.path)
 
 
 def _no_file(path: Path) -> str:
@@ -485,7 +486,7 @@ def _scored(
             yield from map(scorer, files)
         return
     context = get_context("spawn")
-    with ProcessPoolExecutor(request.workers, context, _leave_interrupts) as pool:
+    with ProcessPoolExecutor(request.workers, context, _ignore_interrupts) as pool:
         try:
             for done in as_completed([pool.submit(_score, packed, file) for file in files]):
                 yield done.result()
@@ -499,22 +500,22 @@ def _scored(
             raise
 
 
-def _leave_interrupts() -> None:
+def _ignore_interrupts() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends its workers
 
 
-_KEPT = ExitStack()
-"""What a worker process keeps until its end."""
+_RESOURCES = ExitStack()
+"""Readers of a worker process, open until it ends."""
 
 
 @cache
 def _opened(packed: bytes) -> ArchiveScorer:
-    _KEPT.enter_context(isolation.kept_readers())
+    _RESOURCES.enter_context(isolation.kept_readers())
     return ArchiveScorer(pickle.loads(packed))
 
 
 def _score(packed: bytes, file: ArchiveFile) -> dict[str, Any]:
-    """packed: the request, of which a process opens the monitors once."""
+    """packed: the request; each process loads its monitors once."""
     return _opened(packed)(file)
 
 

@@ -17,15 +17,14 @@ import numpy as np
 
 from app.assessment import sample_type
 from app.recordings.archive import (
-    ABOUT,
     ADDED,
-    CONFIDENCE,
     COUNTS,
     FILES,
     ID_LETTERS,
     RECORDS,
     SUMMARY,
     record_id,
+    stored_about,
 )
 from app.recordings.exports import ANGLES
 from app.recordings.result_folder import ResultFolder, result_folder
@@ -42,12 +41,12 @@ TABLES = "summary.parquet", "files.parquet"
 MOST_NAMES = 1000
 """Aircraft and months that are listed to choose from."""
 SORTED_BY = ("misses", "exceedances")
-"""Most of the first, then of the second, come first, whatever is sorted by before them."""
+"""Further keys of each sorted list, largest first."""
 FilesState = Literal["failed", "copy", "scored"]
 
 
 class ArchiveError(ValueError):
-    """A folder that is no archive, or one that is not complete at the moment."""
+    """A folder is not an archive, or not complete at the moment."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,7 @@ class ArchiveFilter:
 
 @dataclass(frozen=True, eq=False)
 class ArchiveTables:
-    """Both tables, and what they say about themselves."""
+    """Both tables, and `about`, their metadata."""
 
     about: dict[str, Any]
     summary: "pa.Table"
@@ -116,7 +115,7 @@ class ScoredArchive:
     def summary(
         self, wanted: ArchiveFilter, by: Sequence[str], limit: int, first: int
     ) -> list[dict[str, Any]]:
-        """Sums over the flights of each monitor, and each aircraft or month where asked for."""
+        """Sums over the flights of each monitor, and of each aircraft or month on request."""
         keys = [*by, "monitor"]
         sums = [(name, "sum") for name in COUNTS]
         groups = _chosen(self.tables().summary, wanted).group_by(keys)
@@ -130,7 +129,7 @@ class ScoredArchive:
     def flights(
         self, wanted: ArchiveFilter, sort: str, limit: int, first: int
     ) -> list[dict[str, Any]]:
-        """Rows of the summary, most of `sort` first; of `flight` in alphabetical order."""
+        """Rows of the summary, largest `sort` first; `flight` sorts alphabetically."""
         table = _chosen(self.tables().summary, wanted)
         if sort != "flight":
             order = dict.fromkeys((sort, *SORTED_BY), "descending")
@@ -198,23 +197,23 @@ class ScoredArchive:
 
         try:
             tables = [ParquetFile(BytesIO(self.folder.read(name))).read() for name in TABLES]
-            about = [(table.schema.metadata or {}).get(ABOUT, b"{}") for table in tables]
+            about = [stored_about(table.schema) for table in tables]
         except pa.ArrowException as error:
             raise ArchiveError(f"{self.folder} is damaged: {error}: {SCORE_AGAIN}") from None
         for table, kinds in zip(tables, (SUMMARY, FILES), strict=True):
-            if missing := kinds.keys() - {*table.column_names, ADDED, CONFIDENCE}:
+            if missing := kinds.keys() - {*table.column_names, *ADDED}:
                 raise ArchiveError(
                     f"{self.folder} has tables without {', '.join(sorted(missing))}: {SCORE_AGAIN}"
                 )
-        if about[0] != about[1] or "monitors" not in (plain := json.loads(about[0])):
+        if about[0] != about[1] or "monitors" not in about[0]:
             raise ArchiveError(
                 f"{self.folder} is being written, or its writing was interrupted: {SCORE_AGAIN}"
             )
         summary, files = tables
-        for name in {ADDED, CONFIDENCE} - {*summary.column_names}:
+        for name in {*ADDED} - {*summary.column_names}:
             kind = pa.type_for_alias(SUMMARY[name])
             summary = summary.append_column(name, pa.nulls(len(summary), kind))
-        return ArchiveTables(plain, summary, files)
+        return ArchiveTables(about[0], summary, files)
 
     def _record(self, flight_id: str) -> dict[str, Any]:
         name = f"{RECORDS}/{flight_id}.json"

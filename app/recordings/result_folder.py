@@ -1,30 +1,119 @@
-"""The folder of an archive's results, of this machine or at a URL that fsspec opens.
+"""Folders of an archive on this machine or at a URL that fsspec opens, such as s3://bucket/folder.
 
-Its files are named by their paths below it, and written whole or not at all.
+Recordings at a URL are fetched one at a time. Results are written whole or not at all.
 """
 
+import hashlib
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
 from typing import Any
 from uuid import uuid4
 
-from app.recordings.remote_files import is_url, opened, reporting, stamp_of
 from core.whole_file import write_whole
+
+CHANGES = ("etag", "md5", "checksum", "mtime", "modified", "created", "updated")
+"""Parts of the names of metadata that changes with a file's content."""
+
+
+@dataclass(frozen=True)
+class RemoteFile:
+    """A file at a URL.   name: its path below the listed one.
+
+    stamp: changes with the content; "" if no metadata of the file system does.
+    """
+
+    url: str
+    name: str
+    size: int
+    stamp: str
+
+    @contextmanager
+    def fetched(self) -> Iterator[Path]:
+        """A copy of it, which is deleted afterwards. OSError."""
+        system, path = opened(self.url)
+        with TemporaryDirectory(prefix="forewarn-") as folder:
+            copy = Path(folder) / PurePosixPath(self.name).name
+            system.get_file(path, str(copy))
+            yield copy
+
+    def digest(self) -> str:
+        """SHA-256 of its content, without storing it. OSError."""
+        system, path = opened(self.url)
+        with system.open(path, "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def is_url(source: str) -> bool:
+    return "://" in source
+
+
+def remote_files(url: str) -> list[RemoteFile]:
+    """Files below a URL by name, without hidden ones. ValueError; OSError."""
+    system, root = opened(url)
+    system.invalidate_cache()
+    root = root.rstrip("/")
+    found = []
+    with reporting(f"{url} cannot be listed"):
+        listed = system.find(root, detail=True)
+    for path, about in listed.items():
+        name = path.removeprefix(root).lstrip("/")
+        if name and not any(part.startswith(".") for part in name.split("/")):
+            size = int(about.get("size") or 0)
+            found.append(RemoteFile(system.unstrip_protocol(path), name, size, stamp_of(about)))
+    return sorted(found, key=lambda file: file.name)
+
+
+@contextmanager
+def reporting(problem: str) -> Iterator[None]:
+    """Raise a file system's own errors, such as for credentials, as OSError."""
+    try:
+        yield
+    except OSError:
+        raise
+    except Exception as error:
+        raise OSError(f"{problem}: {error}") from error
+
+
+def stamp_of(about: dict[str, Any]) -> str:
+    """Digest of the metadata that changes with a file's content; "" if there is none."""
+    known = [key for key in about if any(part in key.lower() for part in CHANGES)]
+    if not known:
+        return ""
+    lines = [f"{key}={about[key]}" for key in sorted({*known, "size"} & about.keys())]
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()
+
+
+def opened(url: str) -> tuple[Any, str]:
+    """The file system of a URL, and the path there. ValueError."""
+    try:
+        from fsspec.core import url_to_fs
+
+        return url_to_fs(url)
+    except (ImportError, ValueError) as error:
+        raise ValueError(
+            f"{url} cannot be opened ({error}): install forewarn[archive] and the file system's "
+            "own package"
+        ) from None
+
 
 LOCAL = ("file", "local")
 """Protocols of URLs of this machine's folders."""
 
 
 class ResultFolder(ABC):
-    """OSError from each method; FileNotFoundError for a file that does not exist."""
+    """The results of an archive; files are named by their paths in it.
+
+    Each method raises OSError; FileNotFoundError for a file that does not exist.
+    """
 
     @property
     @abstractmethod
     def root(self) -> str:
-        """Where it is, without links, to compare it with other places."""
+        """Its place without links, to compare it with others."""
 
     @abstractmethod
     def read(self, name: str) -> bytes: ...
@@ -56,7 +145,7 @@ class ResultFolder(ABC):
         return PurePosixPath(str(self)).name
 
     def holds(self, place: str) -> bool:
-        """Whether a place, given as its `root`, is this folder or lies in it."""
+        """Whether another folder's `root` is this folder or inside it."""
         return PurePosixPath(place).is_relative_to(self.root)
 
 
@@ -163,7 +252,7 @@ class RemoteFolder(ResultFolder):
         return self._ask("read", name, lambda system, path: system.isdir(path))
 
     def _ask(self, done: str, name: str, ask: Callable[[Any, str], Any]) -> Any:
-        """What `ask` answers about the file of this name, for which it is to be `done`."""
+        """Call `ask` with the file system and the path of a file.   done: for the error."""
         system, root = opened(self.url)
         with reporting(f"{self.url}/{name} cannot be {done}"):
             return ask(system, "/".join(filter(None, (root.rstrip("/"), name))))

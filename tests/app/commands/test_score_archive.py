@@ -279,7 +279,7 @@ def test_a_worker_keeps_its_readers(source: Path, tmp_path: Path) -> None:
     archive._opened(packed)
     gc.collect()
     assert isolation._keeping
-    archive._KEPT.close()
+    archive._RESOURCES.close()
     archive._opened.cache_clear()
 
 

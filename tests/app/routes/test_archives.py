@@ -14,7 +14,7 @@ import pytest
 from starlette.testclient import TestClient
 
 from app.cli import main
-from app.recordings.archive import ABOUT, ADDED, CONFIDENCE, FILES, SUMMARY
+from app.recordings.archive import ABOUT, ADDED, FILES, SUMMARY
 from tests.support.api import api, problem
 from tests.support.places import DATA
 
@@ -55,11 +55,7 @@ def large(tmp_path_factory: pytest.TempPathFactory) -> Path:
     about = {ABOUT: json.dumps({"scored": "2026", "version": "1", "source": "s", "monitors": []})}
     for name, kinds in (("summary", SUMMARY), ("files", FILES)):
         schema = pa.schema(
-            [
-                (key, pa.type_for_alias(kind))
-                for key, kind in kinds.items()
-                if key not in (ADDED, CONFIDENCE)
-            ],
+            [(key, pa.type_for_alias(kind)) for key, kind in kinds.items() if key not in ADDED],
             about,
         )
         plain = rows if kinds is SUMMARY else [{"flight": row["flight"]} for row in rows]
@@ -132,7 +128,7 @@ def test_sums_are_those_of_the_rows(client: TestClient, paths: dict[str, str], l
     (total,) = client.get(path).json()
     assert total["flights"] == N_FLIGHTS
     assert total["misses"] == sum(row["misses"] for row in rows)
-    assert total[ADDED] is None
+    assert total["exceedances_as_recorded"] is None
     groups = client.get(f"{path}&by=aircraft&by=month").json()
     assert len(groups) == len({(row["aircraft"], row["month"]) for row in rows})
     for group in groups:
