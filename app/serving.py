@@ -298,7 +298,7 @@ async def until_owner(
                     LOG.warning("%s has ended: %s owns the database now", last, settings.shared)
                 return held
             if now not in ("", last):
-                LOG.warning("%s stands by: %s owns the database", settings.shared, now)
+                LOG.warning("%s is on standby: %s owns the database", settings.shared, now)
                 sys.setswitchinterval(THREAD_TURN_S)
                 stands_by()
             owner, last = now, now or last

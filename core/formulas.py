@@ -137,7 +137,7 @@ class LastingWindow:
     def smallest(self, t: float, x: float, seconds: float) -> float:
         """The smallest known value of the seconds up to t, x among them.
 
-        Samples may be late. A time further back begins anew: the clock was set back.
+        Samples may be late. A time further back begins again: the clock was set back.
         """
         if isnan(x):
             return nan

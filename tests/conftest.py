@@ -174,7 +174,7 @@ def few_flights() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def apart() -> dict[str, Any]:
-    """How the program has files read: each in a process of its own."""
+    """How the program has files read: each in a separate process."""
     from app.telemetry.readers import isolation
 
     return {name: getattr(isolation, name) for name in ("carry_out", "warm_up")}
@@ -193,7 +193,7 @@ def read_here(apart: dict[str, Any]) -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def read_apart(apart: dict[str, Any]) -> Iterator[None]:
-    """From here to the end of a module, each file is read in a process of its own, as a user's."""
+    """From here to the end of a module, each file is read in a separate process, as a user's."""
     from app.telemetry.readers import isolation
 
     with pytest.MonkeyPatch.context() as patch:

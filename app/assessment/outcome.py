@@ -169,7 +169,7 @@ def against_limits(
     """Judge the recorded samples, not those resampled for the monitor.
 
     traces: repaired.   trim: (n_channels,).   start, end: [s], both included.
-    timeline: limits in force over time, instead of `limits`; each gets a peak of its own.
+    timeline: limits in force over time, instead of `limits`; each gets its own peak.
     """
     exceedances: list[RecordedExceedance] = []
     raw: list[RecordedExceedance] = []

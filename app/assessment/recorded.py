@@ -49,7 +49,7 @@ CONDITION = ("V", "h")
 MISSING = {"state": STATES.index(State.INVALID), "alert": False, "manoeuvre": BETWEEN}
 """Fields of a time without a sample; the others are NaN."""
 SPARSE = 1.5
-"""A channel whose usual step is this many times that of its rows has a clock of its own."""
+"""A channel whose usual step is this many times that of its rows has its own clock."""
 BLOCK = 65_536
 """Values that are checked at once."""
 MOST_SAMPLES = 10_000_000

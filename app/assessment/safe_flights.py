@@ -110,7 +110,7 @@ def forecast_interval(monitor: Monitor, dataset: Dataset) -> ForecastInterval:
     if not predictor.forecasts:
         raise Unavailable("this method forecasts no channel")
     if monitor.forecast is not None and monitor.forecast.has_outputs:
-        raise Unavailable("its forecast to the end of the card has an interval of its own")
+        raise Unavailable("its forecast to the end of the card has its own interval")
     _check_number(len(dataset.safe))
     fold = np.arange(len(dataset.safe)) % FOLDS
     errors = list[Array]()

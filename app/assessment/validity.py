@@ -328,7 +328,7 @@ def surfaces_flown(planned: PlannedTest, y: Array, usual: Array) -> tuple[bool |
             planned_first = first_direction(planned.commands[:, column])
             if moved < FLOWN_SHARE * amplitude:
                 oks[-1] = False
-                text += ": hardly flown"
+                text += ": barely flown"
             elif planned_first and flown_first != planned_first:
                 oks[-1] = False
                 text += ": moved the other way first, or its sign is reversed"

@@ -196,7 +196,7 @@ class Campaign:
         if (step := self.smaller_step) is None:
             raise CampaignError(
                 f"no smaller step is proposed before {point.name!r}: compute its clearance first; "
-                "where it is withdrawn or the recommended amplitude is hardly above the last step, "
+                "where it is withdrawn or the recommended amplitude is barely above the last step, "
                 "there is none"
             )
         points = (*self.points[:number], step, *self.points[number:])

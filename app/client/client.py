@@ -172,7 +172,7 @@ class LiveClient:
         self._wake()
 
     def send_batch(self, values: dict[str, Any]) -> int:
-        """Push samples as a batch of its own, which the server accepts or refuses as a whole.
+        """Push samples as one batch, which the server accepts or refuses as a whole.
 
         values: a number, None or a list of them by name. Returns the number of the batch, at once.
         PushFailed; ValueError if it is too large.

@@ -73,7 +73,7 @@ class Outbox:
             self.n_put += 1
 
     def put_batch(self, values: dict[str, Any]) -> int:
-        """Add a batch of its own without waiting for room. Returns its number.
+        """Add a separate batch without waiting for room. Returns its number.
 
         values: a number, None or a list of them by name. PushFailed; ValueError if it is too large.
         """

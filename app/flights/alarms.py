@@ -9,7 +9,7 @@ sample still has their cause. The next onset raises a new alarm, unless
 - the latest alarm of its kind is unacknowledged and ended less than REJOIN_S ago: a flicker is one
   alarm, or
 - it is flown again after a restart: an onset of a source is one alarm, acknowledged once.
-While a monitor stays withdrawn, channels that go missing are an onset of their own. So is an
+While a monitor stays withdrawn, channels that go missing are a separate onset. So is an
 exceedance as recorded after one beyond any plausible value, and one from trim after either.
 """
 
@@ -72,7 +72,7 @@ class Onsets:
             self.is_active, self._last_t = False, None
 
     def renew(self) -> None:
-        """Take a sample of a condition that goes on for an onset of its own."""
+        """Take a sample of a condition that goes on for a separate onset."""
         self.is_active, self._latest = False, ""
 
     def forget(self) -> None:

@@ -48,7 +48,7 @@ def stored_head(info: FlightInfo) -> int:
 
 
 class Follower:
-    """Follows the flights of a database, in a thread of its own; only reads."""
+    """Follows the flights of a database, in a separate thread; only reads."""
 
     def __init__(self, url: str | Path, journals: Journals, clock: Clock | None = None) -> None:
         self._url, self._journals, self._clock = url, journals, clock or MonotonicClock()

@@ -108,7 +108,7 @@ AUTO = "auto"
 
 
 SIMULATOR = "simulator"
-"""Key of a recipe that names somebody's own simulator."""
+"""Key of a recipe that names a user's simulator."""
 LIMITS, STORED_LIMITS = "limits", "specification"
 """The name of the limits in requests and responses, and in stored recipes."""
 

@@ -175,7 +175,7 @@ def _joined(
 
 
 def sent_rollouts(sent: SentRollouts, recordings: Recordings, most_bytes: int) -> RolloutSources:
-    """The rollouts as sent; files are read in a process of their own.
+    """The rollouts as sent; files are read in a separate process.
 
     TelemetryError; NotFound; NoSpace.
     """

@@ -87,7 +87,7 @@ class SentRollouts:
             return file.read(1) in (b"{", b"[")
 
     def read(self, most_bytes: int) -> RolloutFile:
-        """Read the flights, in a process of its own. TelemetryError; NoSpace."""
+        """Read the flights, in a separate process. TelemetryError; NoSpace."""
         source, name = self.folder / FILES, "the files"
         if len(self.files) == 1:
             source, name = source / self.files[0], self.files[0]

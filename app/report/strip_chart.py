@@ -185,7 +185,7 @@ class StripChart:
         )
 
     def file(self, title: str) -> bytes:
-        """The chart as an SVG file of its own, with its styles and a title above it."""
+        """The chart as a separate SVG file, with its styles and a title above it."""
         hatch = (Path(__file__).parent / "hatch.svg").read_text()
         width, height = round(WIDTH * PIXELS), round((self.height + TITLED) * PIXELS)
         box = f"0 {-TITLED:g} {WIDTH:g} {height / PIXELS:g}"

@@ -132,7 +132,7 @@ _decoder = msgspec.msgpack.Decoder(CameraMessage)
 
 
 def admitted(message: bytes) -> bytes | None:
-    """The message as it may go upstream, written anew; None for all that is not a camera pose."""
+    """The message as it may go upstream, rewritten; None for all that is not a camera pose."""
     if len(message) > LARGEST_MESSAGE:
         return None
     try:

@@ -63,7 +63,7 @@ class FileHold:
 
 
 class SessionHold:
-    """An advisory lock of PostgreSQL, held by a connection of its own."""
+    """An advisory lock of PostgreSQL, held by its own connection."""
 
     def __init__(self, url: URL) -> None:
         self._place = url.render_as_string(hide_password=True)

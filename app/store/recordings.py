@@ -196,7 +196,7 @@ class RecordingRepository(Entries[RecordingInfo]):
     def listed(self, limit: int, after: str, aircraft: str, text: str) -> Page[RecordingInfo]:
         """Recordings newest first; other arguments as in `page`.
 
-        aircraft, text: the whole name of its aircraft, a part of its own; "" for any.
+        aircraft: whole name of the aircraft.   text: part of the recording's name; "" for any.
         """
         conditions = list[ColumnElement[bool]]()
         if aircraft:

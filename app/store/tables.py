@@ -246,7 +246,7 @@ UNCOMPRESSED = DDL(
     "ALTER TABLE assessment_chunks ALTER COLUMN content SET STORAGE EXTERNAL, "
     "ALTER COLUMN display SET STORAGE EXTERNAL"
 ).execute_if(dialect="postgresql")
-"""Doubles hardly shrink, and PostgreSQL spends most of the time of a large chunk in trying."""
+"""Doubles barely shrink, and PostgreSQL spends most of the time of a large chunk in trying."""
 event.listen(assessment_chunks, "after_create", UNCOMPRESSED)
 
 alarms = Table(

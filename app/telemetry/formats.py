@@ -133,7 +133,7 @@ def wide_encoding(head: bytes) -> str:
 
 
 def _is_text(head: bytes) -> bool:
-    """UTF-16, or hardly any control characters; not a journal."""
+    """UTF-16, or almost no control characters; not a journal."""
     if wide_encoding(head):
         return True
     return not _is_journal(head) and len(head.translate(None, CONTROLS)) >= 0.99 * len(head)

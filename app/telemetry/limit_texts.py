@@ -76,7 +76,7 @@ def margin_bounds(limits: Sequence[str]) -> dict[str, float]:
 def specified(flights: RolloutFile, channels: Sequence[str], limits: Sequence[str]) -> Specified:
     """The dictionary of flights with computed channels, and limits; None without any.
 
-    A limit with a time, `Nz=..4.9 for 0.2 s`, is one on a computed channel of its own, and so is a
+    A limit with a time, `Nz=..4.9 for 0.2 s`, is one on a separate computed channel, and so is a
     requirement that needs no later sample. Of channels that are absolute, the first samples are
     trimmed flight.   TelemetryError, ValueError.
     """

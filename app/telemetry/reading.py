@@ -1,4 +1,4 @@
-"""Read a file into a folder of columns, safely: the reader runs in a process of its own."""
+"""Read a file into a folder of columns, safely: the reader runs in a separate process."""
 
 import logging
 import shutil
@@ -54,7 +54,7 @@ def read_file(
 
     known: its format; None to find it.
 
-    The reader runs in a process of its own, within the limits. Safe in any thread.
+    The reader runs in a separate process, within the limits. Safe in any thread.
     Raises TelemetryError with one sentence about the file, and OSError if there is no room for
     its columns; then `folder` does not exist.
     """

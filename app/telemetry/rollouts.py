@@ -3,7 +3,7 @@
 A folder holds one file per flight, in any format of recordings. A long table has a column that
 names the flight of each row. Arrays are `y` (flights, samples, channels), `dt`, `channels`,
 `units`, and `fail_index` or `unsafe`; `theta` where known, in npz, MATLAB or HDF5 files. All are
-read in a process of their own, see app.telemetry.reading.
+read in a separate process, see app.telemetry.reading.
 """
 
 import csv

@@ -124,7 +124,7 @@ def check_limits(channel: Channel, *ends: float | None) -> None:
     for end in ends:
         if end is None or not bound <= abs(end) < np.inf:
             continue
-        remedy = "; only rollouts of a channel with a name of its own may reach more"
+        remedy = "; only rollouts of a channel with another name may reach more"
         if bound == channel.largest:
             remedy = ", or the channel a larger `largest` in the dictionary"
         raise TelemetryError(

@@ -5,7 +5,7 @@
     python install.py --into /opt/forewarn --data-dir /srv/forewarn
     python install.py --into /opt/forewarn --back
 
-Each version has an environment of its own under INTO/versions, and INTO/forewarn starts the current
+Each version has its own environment under INTO/versions, and INTO/forewarn starts the current
 one. An upgrade keeps a copy of the database in INTO/before and tries its migrations on another copy
 first; if anything fails, nothing has changed. Going back restores program, database and journals;
 what was stored since is moved into a folder of the data directory.

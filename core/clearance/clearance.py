@@ -10,7 +10,7 @@ the simulated ones; checks of the fit withdraw the clearance for others.
 The p-value is that of weighted conformal prediction (Tibshirani, Foygel Barber, Candes and Ramdas
 2019, "Conformal Prediction Under Covariate Shift"): D_theta weighted by the share that exceeds is
 the distribution of the aircraft that exceed. All predictions use the same random draws, so these
-draws hardly change the order of the scores.
+draws barely change the order of the scores.
 """
 
 from abc import ABC, abstractmethod

@@ -124,7 +124,7 @@ class Identification:
 
     @property
     def undetermined(self) -> tuple[str, ...]:
-        """Uncertain parameters that are hardly better known than before."""
+        """Uncertain parameters that are barely better known than before."""
         left = self.sigma > UNDETERMINED * self.prior_sigma
         uncertain = self.prior_sigma > 0.0
         return tuple(np.array(self.names)[left & uncertain].tolist())

@@ -54,7 +54,7 @@ class TrimState(NamedTuple):
     the limits that apply.   limits: (k,) of a departure.
     usual: (k,) mean square of the motion about the trim at rest.
     rest, calm: (n, n_channels), flown: (n, k) the newest samples of the rest, of all, and of the
-    manoeuvre's surfaces; each begins anew at its end.
+    manoeuvre's surfaces; each begins again at its end.
     """
 
     counts: Indices

@@ -1,7 +1,7 @@
 """The usual rule: nearest neighbours and a forecast of the peak to come, calibrated as one.
 
 Neighbours fail on aircraft beside the planned ones, peaks where the input is softer than in
-training; together they hold in both. Each part has a p-value of its own. The risk is the highest of
+training; together they hold in both. Each part has its own p-value. The risk is the highest of
 them, calibrated as flown on failures that trained and calibrated no part.
 
 For aircraft and hands near the planned ones there is a third part, the peak of the next samples

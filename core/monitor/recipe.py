@@ -30,7 +30,7 @@ class MonitorRecipe:
     (that sample alone, as in the paper). Both are valid; `trajectory` gives fewer false alarms."""
     p_value: PValue = "simple"
     """p-value rule: `simple`, or `exact` (transductive, never larger). With trajectory calibration
-    the exact one uses the riskiest moment so far, so it hardly falls again. Scores without
+    the exact one uses the riskiest moment so far, so it rarely falls again. Scores without
     neighbours (a magnitude, the card) always use the simple one."""
     scaling: Scaling = "safe_std"
     """scaling of the channels: by their standard deviation on safe flights (`safe_std`), or none as

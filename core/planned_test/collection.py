@@ -214,7 +214,7 @@ def _batches(
 ) -> Iterator[Rollouts]:
     """Batches of flights on demand, `most` flights in total.
 
-    executor: rolls them out, a few ahead, each with a random stream of its own. A linear aircraft
+    executor: rolls them out, a few ahead, each with its own random stream. A linear aircraft
     is fast, and one stream draws all its flights.
     """
     size = min(FRESH_BATCH, recipe.most_at_once)

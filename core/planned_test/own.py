@@ -250,7 +250,7 @@ class OwnSimulator:
 
 @dataclass(frozen=True, eq=False)
 class OwnTest:
-    """A test that somebody's simulator flies, and how much of it to simulate.
+    """A test that a user's simulator flies, and how much of it to simulate.
 
     pilot: what its first flights reached, for errors; empty if unknown.   more, fewer: what makes
     more, or fewer, flights fail.

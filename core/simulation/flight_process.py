@@ -1,4 +1,4 @@
-"""Flights of native code, in processes of their own: a crash or a hang of it is one error.
+"""Flights of native code, in separate processes: a crash or a hang of it is one error.
 
 A process loads a model once and flies one flight after the other. Flights are drawn before, so
 they are the same bits for any number of processes.

@@ -33,7 +33,7 @@ class ImpossibleError(ValueError):
 
 @contextmanager
 def running(name: str, called: object = None) -> Iterator[None]:
-    """Raise errors of somebody's code as OwnCodeError, with the line of that code.
+    """Raise errors of the user's code as OwnCodeError, with the line of that code.
 
     called: the function, of which the first line is named where calling it fails.
     """
@@ -64,7 +64,7 @@ def _defined(called: object) -> tuple[str, int | None]:
 
 
 def numbers(given: Any, what: str, needed: str) -> Array:
-    """What somebody's code gave as an array. OwnCodeError with the element that is no number."""
+    """Returned by the user's code as an array. OwnCodeError with the element that is no number."""
     try:
         return np.array(real_numbers(given, what))
     except ValueError:

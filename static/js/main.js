@@ -126,7 +126,7 @@ async function open() {
   }
 }
 
-/** A flight in progress has a page of its own: alarms and keys. */
+/** A flight in progress has its own page: alarms and keys. */
 function guideOf(name, id) {
   const page = name === "fly" && id ? "alarms-and-keys" : viewOf(name).guide;
   return ["/guide", page].filter(Boolean).join("/");

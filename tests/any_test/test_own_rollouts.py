@@ -1,4 +1,4 @@
-"""Flights of somebody's own simulator, in the files that numpy, pandas and MATLAB write."""
+"""Flights of a user's simulator, in the files that numpy, pandas and MATLAB write."""
 
 import json
 from collections.abc import Callable, Iterator

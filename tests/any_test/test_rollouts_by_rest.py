@@ -1,4 +1,4 @@
-"""Flights of somebody's own simulator through REST: previewed, added, looked at and trained on."""
+"""Flights of a user's simulator through REST: previewed, added, looked at and trained on."""
 
 import io
 import json

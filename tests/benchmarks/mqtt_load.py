@@ -1,4 +1,4 @@
-"""A source and a subscriber of an MQTT broker, in a process of their own.
+"""A source and a subscriber of an MQTT broker, in a separate process.
 
 python -m tests.benchmarks.mqtt_load PORT TOPIC SECONDS HZ
 

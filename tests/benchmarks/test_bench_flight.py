@@ -1,4 +1,4 @@
-"""Flights and their watchers: server, and watchers, each in a process of its own."""
+"""Flights and their watchers: server, and watchers, each in a separate process."""
 
 import json
 import os

@@ -101,7 +101,7 @@ def search(tree, z):
 
 
 def search_on_threads(tree, z):
-    """`search` on all threads; the hint starts anew in each part."""
+    """`search` on all threads; the hint starts again in each part."""
     d2, index = np.empty(len(z)), np.empty(len(z), np.int64)
     in_chunks(len(z), 4_096, lambda a, b: stream(tree, z[a:b], d2[a:b], index[a:b]))
     return d2, index

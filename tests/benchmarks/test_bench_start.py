@@ -19,7 +19,7 @@ IMPORTS = "import app.serving, app.access.people, app.access.sessions, app.store
 
 
 def cpu_s(program: str) -> float:
-    """Processor time of a program in a process of its own [s]."""
+    """Processor time of a program in a separate process [s]."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     subprocess.run(
         [sys.executable, "-W", "ignore", "-c", program], stdout=subprocess.DEVNULL, check=True

@@ -1,4 +1,4 @@
-"""The watchers of a flight benchmark, in a process of their own: prints what they saw as JSON.
+"""The watchers of a flight benchmark, in a separate process: prints what they saw as JSON.
 
 python -m tests.benchmarks.watching_clients ADDRESS SECONDS WATCHERS FROZEN SINCE FLIGHT...
 

@@ -59,7 +59,7 @@ def picture(element: Locator) -> Array:
 
 
 def salience(pixels: Array, ground: Array, eyes: Array) -> tuple[float, float]:
-    """Contrast of what stands out most, and the mean over the element."""
+    """Contrast of the most salient part, and the mean over the element."""
     ratios = np.sort(contrast(pixels, ground, eyes))
     return float(ratios[-max(1, int(MARKED * len(ratios))) :].min()), float(ratios.mean())
 

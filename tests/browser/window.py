@@ -26,7 +26,7 @@ STORE = """for (const [key, value] of Object.entries(%s))
 
 
 class Window:
-    """A page in a browser profile of its own; it is replaced once a test has left something there.
+    """A page in its own browser profile; it is replaced once a test has left something there.
 
     stored: what the page finds in localStorage.
     """

@@ -55,7 +55,7 @@ def run(seed: int, counts: dict[str, int], seeds: Sequence[Seed], folder: Path) 
 def _batch(
     seed: int, files: list[tuple[str, int]], paths: dict[str, list[str]], folder: Path
 ) -> list[Outcome]:
-    """Try the files of one batch; begin anew behind one that ends its process."""
+    """Try the files of one batch; begin again after one that ends its process."""
     outcomes: list[Outcome] = []
     while files:
         with TemporaryDirectory(dir=folder) as name:

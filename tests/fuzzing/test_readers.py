@@ -36,7 +36,7 @@ class Extent:
     """Numbers of files by their kind.
 
     together: files that share the process of their batch.   alone: files that are read as uploads
-    are, each in a process of its own.   uploaded: files that are uploaded, of which at least
+    are, each in a separate process.   uploaded: files that are uploaded, of which at least
     least_stored are stored.
     """
 
@@ -111,8 +111,8 @@ def test_files_of_all_formats_are_tried(extent, outcomes):
     assert extent.together.keys() == extent.alone.keys() == extent.uploaded.keys() == FORMATS.keys()
     for kind, count in extent.together.items():
         ends = Counter(outcome.end for outcome in outcomes if outcome.kind == kind)
-        assert ends["read"] > 0.05 * count, f"hardly a file of {kind} is worth reading"
-        assert ends["refused"] > 0.05 * count, f"hardly a file of {kind} is damaged"
+        assert ends["read"] > 0.05 * count, f"almost no file of {kind} is worth reading"
+        assert ends["refused"] > 0.05 * count, f"almost no file of {kind} is damaged"
 
 
 def test_the_campaign_has_ten_thousand_files():

@@ -87,7 +87,7 @@ def mixed_ends(rng: Random, text: str) -> str:
 
 
 def wide(rng: Random, text: str) -> str:
-    """Rows of so many columns that they hardly are one table."""
+    """Rows of so many columns that they are barely one table."""
     sign, times = rng.choice(",;\t| "), rng.choice((2, 10, 50, 200))
     times = min(times, 1 + MOST // len(text)) if text else times
     lines = lines_of(text)[: max(4, 6000 // times)]

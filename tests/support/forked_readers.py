@@ -1,7 +1,7 @@
 """Processes that read a file, forked from one with the imports done.
 
 They are begun in a few milliseconds, where an interpreter that imports its libraries takes half a
-second of processor time: for the many files of a campaign, each of which has a process of its own.
+second of processor time: for the many files of a campaign, each of which has a separate process.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""Flights of somebody's own simulator, in the files that numpy, pandas, h5py and MATLAB write."""
+"""Flights of a user's simulator, in the files that numpy, pandas, h5py and MATLAB write."""
 
 import io
 from pathlib import Path

@@ -84,7 +84,7 @@ def _hopeless(test: PlannedTestSweep) -> list[str]:
 
 
 def hopeless_leads(test: PlannedTestSweep) -> list[float]:
-    """Leads [s] at which hardly a safe flight passes with any method."""
+    """Leads [s] at which almost no safe flight passes with any method."""
     best: dict[float, float] = {}
     for (method, _), cell in test.cells.items():
         if method != CEILING:

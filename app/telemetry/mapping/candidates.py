@@ -25,7 +25,7 @@ MENTIONED = 0.15
 RECORDED_ONCE = {"beta", "delta_a", "delta_r", "delta_a_left", "delta_a_right"}
 """Channels that groups of one flight do not repeat by the same names; inertial units do."""
 SAME_CHANNELS = 3
-"""Groups that share so many channels by the same names are flights of their own."""
+"""Groups that share so many channels by the same names are separate flights."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def assign(candidates: Candidates, mapped: set[str]) -> dict[str, Candidate]:
 
 
 def separate_flights(contents: Contents) -> list[int]:
-    """Groups that are flights of their own, the most complete first; [] if groups make one flight.
+    """Groups that are separate flights, the most complete first; [] if groups make one flight.
 
     They repeat each other's channels under the same names, like structures of manoeuvres.
     """

@@ -102,7 +102,7 @@ def propose(
     aircraft: name of the aircraft that it was confirmed for.
     expected: how the monitor's aircraft responds to positive deflections.
     rate: sample rate given by a person, for groups without a time signal.
-    group: the flight to map, if groups are flights of their own; "" for the most complete.
+    group: the flight to map, if groups are separate flights; "" for the most complete.
     dictionary: of the monitor; computed channels are not mapped.
     others: further channels that the file may have, mapped last.
     removes_bias: whether a constant N_y before the first input is taken for a bias.
@@ -192,7 +192,7 @@ def _agrees(candidate: Candidate, own: Iterable[ChannelSource]) -> bool:
 
 
 def _choose_flight(builder: ProposalBuilder, candidates: Candidates, group: str) -> None:
-    """Limit the candidates to one group if groups are flights of their own.
+    """Limit the candidates to one group if groups are separate flights.
 
     It is the group that a person chose or confirmed, else the most complete.
     """
@@ -214,7 +214,7 @@ def _choose_flight(builder: ProposalBuilder, candidates: Candidates, group: str)
     if others := [names[other] for other in sorted(flights) if other != chosen]:
         more = f" and {len(others) - MOST_NAMED} more" if len(others) > MOST_NAMED else ""
         builder.notes.append(
-            f"each group is a flight of its own: {names[chosen]} is mapped; the others are "
+            f"each group is a separate flight: {names[chosen]} is mapped; the others are "
             f"{', '.join(others[:MOST_NAMED])}{more}"
         )
 

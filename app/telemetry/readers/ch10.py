@@ -1,7 +1,7 @@
 """Read IRIG 106 Chapter 10 (experimental): raw numbers of buses, discretes and analog inputs.
 
 MIL-STD-1553 messages and ARINC 429 words become raw words, discretes bits, analog samples raw
-counts. Measurements of the set-up record become signals of their own, with scale and unit. PCM
+counts. Measurements of the set-up record become separate signals, with scale and unit. PCM
 frames are not decoded: the library cuts them, and takes no words out of them.
 """
 

@@ -28,7 +28,7 @@ def evened(t: Array) -> tuple[Array, float] | None:
     such clock or nothing to restore.
 
     t: (n,) in order; neighbours may be equal, as coarse rounding makes them. After lost samples
-    the clock continues in whole steps if that explains the times, otherwise it starts anew.
+    the clock continues in whole steps if that explains the times, otherwise it starts again.
     """
     if len(t) < FEWEST:
         return None

@@ -138,7 +138,7 @@ class _Digested(io.RawIOBase):
 
 
 def _shrinks(array: npt.NDArray[Any]) -> bool:
-    """Whether compression pays: measurements hardly shrink, counts and text do."""
+    """Whether compression pays: measurements barely shrink, counts and text do."""
     flat = array.reshape(-1)
     n = max(1, SAMPLED // array.itemsize)
     sample = flat[(len(flat) - min(n, len(flat))) // 2 :][:n].tobytes()

@@ -201,8 +201,8 @@ export function createStrip(canvas, strip) {
 }
 
 /**
- * What was drawn is kept. Traces that do not change any more lie on a canvas of their own, which is moved by whole columns;
- * while nothing else changes, only what is right of them is drawn anew.
+ * What was drawn is kept. Traces that do not change any more lie on a separate canvas, which is moved by whole columns;
+ * while nothing else changes, only what is right of them is redrawn.
  *
  * place(frame) -> where to begin to draw [units], 0 for the whole plot
  * draw(frame, begin, drawPiece)     drawPiece(face with the pen to use, piece)

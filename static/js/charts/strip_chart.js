@@ -148,7 +148,7 @@ export function createStripChart(host, options) {
     return items.filter(({ key }) => ways.includes(shown(key))).map(({ key }) => strips.find((strip) => strip.key === key));
   }
 
-  /** What is in view, drawn anew with other pens. */
+  /** What is in view, redrawn with other pens. */
   function picture() {
     const [frame, palette] = [frameOf(columnsNow()), readPalette(host)];
     const title = document.querySelector("h1")?.textContent ?? "";

@@ -2,8 +2,8 @@
  * A flight in progress: its stream drives strips, gauge, alarm line, events, status and transport.
  *
  * showLiveFlight(element, {id, api, over, recorded}) -> {close()}     over(reason): the flight has ended
- *     recorded: {Socket, beside} of a flight that is played from a file: its socket, and what stands in
- *     place of the scene; null for a flight of the server
+ *     recorded: {Socket, beside} of a flight that is played from a file: its socket, and what replaces
+ *     the scene; null for a flight of the server
  */
 
 import { createAddress } from "../lib/address.js";

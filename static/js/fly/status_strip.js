@@ -121,7 +121,7 @@ export function createItems(element, list, look) {
   return { items, show };
 }
 
-/** The mode stands at the head of the line. */
+/** The mode is first on the line. */
 function withoutMode(source, mode) {
   return source === mode ? "" : source.startsWith(`${mode}, `) ? source.slice(mode.length + 2) : source;
 }

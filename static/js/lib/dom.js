@@ -10,7 +10,7 @@
  * piecesOf(words) -> [[text, index]]     the same, cut at each symbol; the index is empty for what is no symbol
  * loadingView(element, {title, text, loads, build}) -> {close()}    loading, then what was built, or why not
  *     loads: paths, or functions of `api`.   build({keep, again}, ...loaded) -> Promise<Node>
- *     keep({close}): what must end with the view.   again(): loads and builds anew
+ *     keep({close}): what must end with the view.   again(): loads and builds again
  * state(kind, title, text, ...actions)    of a panel; kind "empty" | "loading" | "error"
  * panel(title, content, {beside, ...attributes})     beside: nodes in the row of the heading
  * errorLine(classes) -> {element, show(words), attempt(act)}     hidden while there are no words
@@ -26,7 +26,7 @@
  *     columns: [[head, cell(item, k) -> content, kind]]     head: text, or hiddenHead(words) for screen readers only
  *       kind: "name" of the row's heading, "number", "date", or other classes
  *     row(item) -> attributes.   group(item, row, k) -> <tbody>, where an item has further rows.   panel: false inside another
- * factList([[name, value]])    a fact in a cell of its own;   recipeList([[name, value, isHash]])   name beside value
+ * factList([[name, value]])    a fact in its own cell;   recipeList([[name, value, isHash]])   name beside value
  */
 
 import { api, needs, reason } from "./api.js";

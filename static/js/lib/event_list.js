@@ -3,7 +3,7 @@
  *
  * createEventList(element, {go, label, most}) -> {add(event), times(level) -> [t], showUntil(t)}
  *     go(t)    called when an event is chosen.   most: events kept
- *     showUntil(t)    events later than t [s] move below a heading of their own until t reaches them
+ *     showUntil(t)    events later than t [s] move below a separate heading until t reaches them
  *     event: {t [s] | null, at, when, text, level "alert" | "caution" | "", seen}; at: sort key, t by default;
  *     when: shown in place of t. A repeated event (in a loop) is counted, not listed again; `seen` is not counted
  */

@@ -2,7 +2,7 @@
  * A list of which the server sends the newest entries: a search box, and a button that shows more of it.
  *
  * createLongList({api, path, search, step, show, address}) -> {box, more, load()}
- *     path   "/recordings", or with a query of its own, or a function that gives it; entries are searched by its parameter `text`
+ *     path   "/recordings", or with its own query, or a function that gives it; entries are searched by its parameter `text`
  *     search    label of the box;   step    entries to begin with, and how many more each time
  *     show(entries, text)    called at each answer, with what was searched for
  *     address    Address that keeps the text as `find`, if given

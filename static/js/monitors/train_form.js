@@ -53,7 +53,7 @@ function trainForm({ api, catalog, datasets, like, chosen, keep, trained }) {
   const withTest = { ...schema, properties: { ...schema.properties, n_test: TEST } };
   const fields = createFields(withTest, { ...usual, ...like?.recipe }, { catalog, path: "monitor" });
   const source = datasetChoice({ api, catalog, datasets, chosen, initial: like?.dataset_recipe });
-  const best = h("option", { value: BEST }, "the best on flights of their own (recommended)");
+  const best = h("option", { value: BEST }, "the best on separate flights (recommended)");
   const method = select(
     [
       ...catalog.methods.map(({ kind, label }, k) => [kind, k === 0 ? `${label} (recommended)` : label]),
@@ -96,7 +96,7 @@ function trainForm({ api, catalog, datasets, like, chosen, keep, trained }) {
   follow();
   return element;
 
-  /** Flights of their own choose the method where the recipe names none. */
+  /** Separate flights choose the method where the recipe names none. */
   function recipe() {
     const { predictor, score, n_test: tests, ...rest } = fields.read();
     const flown = source.isOwn() ? {} : { n_test: tests };

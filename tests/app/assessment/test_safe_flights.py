@@ -18,7 +18,7 @@ RNG = np.random.default_rng(4)
 
 
 def flights(n: int, begins: np.ndarray, noise: float = 1e-4) -> np.ndarray:
-    """A rudder step at a sample of its own in each flight, and the response to it."""
+    """A rudder step at another sample in each flight, and the response to it."""
     y = noise * RNG.standard_normal((n, 81, len(KEYS)))
     for flight, begin in zip(y, begins, strict=True):
         s = DT * np.arange(81 - begin)

@@ -342,7 +342,7 @@ def test_a_valid_manoeuvre_states_the_guarantee_with_its_numbers(attas: Monitor,
             lambda y: np.degrees(y) * [1, 1, 1, np.pi / 180, 1, 1],
         ),
         ("manoeuvre", "moved the other way first", lambda y: y * [1, 1, 1, 1, 1, -1]),
-        ("manoeuvre", "hardly flown", lambda y: 0.2 * y),
+        ("manoeuvre", "barely flown", lambda y: 0.2 * y),
         (
             "manoeuvre",
             "although the planned manoeuvre does not use it",

@@ -91,7 +91,7 @@ def test_a_refused_point_gets_a_smaller_step_at_the_recommended_amplitude() -> N
 @pytest.mark.parametrize(
     ("amplitude_deg", "cleared"),
     [(None, False), (5.3, False), (7.3, False), (6.6, True)],
-    ids=["withdrawn", "hardly above the last step", "not smaller", "cleared and held by a person"],
+    ids=["withdrawn", "barely above the last step", "not smaller", "cleared and held by a person"],
 )
 def test_no_smaller_step_is_proposed(amplitude_deg: float | None, cleared: bool) -> None:
     campaign = held(amplitude_deg, cleared)

@@ -126,7 +126,7 @@ def aileron_instead(y: Array) -> Array:
     [
         (reversed_rudder, "its sign is reversed"),
         (aileron_instead, "the planned manoeuvre does not use it"),
-        (lambda y: 0.25 * y, "hardly flown"),
+        (lambda y: 0.25 * y, "barely flown"),
         (lambda y: y[: round(0.7 * (len(y) - AFTER * FAST))], "give the whole manoeuvre"),
     ],
 )

@@ -64,7 +64,7 @@ def test_wrong_options_are_refused_before_anything_is_connected(
 def bridge(
     broker: Mosquitto, server: str, *into: str, **environment: str
 ) -> Iterator[subprocess.Popen[str]]:
-    """The command in a process of its own."""
+    """The command in a separate process."""
     call = [*CALL, "--broker", broker.url, "--server", server, *into]
     surroundings = os.environ | environment
     with subprocess.Popen(call, stderr=subprocess.PIPE, text=True, env=surroundings) as made:

@@ -272,7 +272,7 @@ def test_a_file_without_an_assessed_sample_exits_with_1(attas_monitor: Path, tmp
 
 
 def rest(k: int) -> str:
-    """Roll rate, yaw rate and N_y of an aircraft that hardly moves."""
+    """Roll rate, yaw rate and N_y of an aircraft that barely moves."""
     return f"{1e-4 * (k % 2)},{1e-4 * (k % 3)},{1e-3 * (k % 2)}"
 
 

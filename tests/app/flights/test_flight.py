@@ -194,7 +194,7 @@ def test_left_at_its_end_a_flight_is_over_by_itself(exact: Monitor, failing: Arr
     flown.advance(N_SAMPLES * DT + 0.1)
     assert flown.flight.alarms.n_open(Level.WARNING)
     flown.clock.advance(2 * LEFT_S)
-    assert flown.over == []  # somebody watches an alarm that waits
+    assert flown.over == []  # someone watches an alarm that waits
     acknowledge_all(flown)
     flown.clock.advance(LEFT_S / 2)
     flown.flight.act("seek", 1.0)

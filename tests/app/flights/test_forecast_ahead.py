@@ -94,7 +94,7 @@ def combination() -> Monitor:
 
 
 def flown_through(monitor: Monitor, y: Array) -> Flown:
-    """A flight of 0.05 s samples that somebody watches."""
+    """A flight of 0.05 s samples that someone watches."""
     flown = Flown(monitor, y)
     flown.flight.act("pause")
     return flown

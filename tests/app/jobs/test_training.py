@@ -1,4 +1,4 @@
-"""Validity calibrated in training: on flights of its own until they suffice, or with the reason."""
+"""Validity calibrated in training: on separate flights until they suffice, or with the reason."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Columns of the ring buffer that are kept between frames: the same as read anew."""
+"""Columns of the ring buffer that are kept between frames: the same as read again."""
 
 from tests.browser.strips import Open
 

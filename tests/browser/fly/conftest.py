@@ -26,7 +26,7 @@ def fly(page: Page, site: Site) -> Iterator[Fly]:
 
 @pytest.fixture
 def own_fly(own_page: Page, site: Site) -> Iterator[Fly]:
-    """A page of its own, for a test that reroutes its WebSockets."""
+    """A separate page, for a test that reroutes its WebSockets."""
     yield from until_ended(Fly(own_page, site))
 
 

@@ -38,7 +38,7 @@ SCROLL_SIZE = (
     "(({ scrollWidth, scrollHeight }) => [scrollWidth, scrollHeight])(document.documentElement)"
 )
 STACKED = (".flight > .status-strip", ".alarm-banner", ".gauge-dial", ".flight > .transport")
-"""What stands one below the other in a small window."""
+"""What is stacked in a small window."""
 CUT_OFF = ["WebSocket connection to", "ERR_CONNECTION_REFUSED", "ERR_EMPTY_RESPONSE"]
 WATCH_CHANGES = """() => {
   const first = (text) => text.replace(/^[▲◆✓] /, '').split(/ [·–] /)[0];

@@ -136,7 +136,7 @@ class _Files(SimpleHTTPRequestHandler):
 
 @contextmanager
 def served(folder: Path) -> Iterator[str]:
-    """The folder's files on an origin of its own."""
+    """The folder's files on a separate origin."""
     files = partial(_Files, directory=str(folder))
     with ThreadingHTTPServer(("127.0.0.1", 0), files) as server:
         thread = Thread(target=server.serve_forever, daemon=True)

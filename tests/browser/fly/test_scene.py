@@ -53,7 +53,7 @@ def site(allowed_errors):
 
 @pytest.fixture
 def page(own_page: Page) -> Page:
-    """A page of its own: it is listened to."""
+    """A separate page: it is listened to."""
     return own_page
 
 

@@ -1,4 +1,4 @@
-"""Rollouts of somebody's own simulator, added and trained on in a real Chromium."""
+"""Rollouts of a user's simulator, added and trained on in a real Chromium."""
 
 import io
 import re

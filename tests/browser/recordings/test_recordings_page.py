@@ -23,7 +23,7 @@ from tests.support.clocks import CLOCKS, COUNTS, EVEN, T0
 WORDS = {"quiet": "QUIET", "timely_alert": "LIMIT EXCEEDED, warned", "invalid": "INVALID"}
 LONG_NAME = f"{'a very long name of a recording ' * 6}.csv"
 SLOW = 30_000
-"""[ms] Reading starts a process of its own."""
+"""[ms] Reading starts a separate process."""
 
 
 @pytest.fixture(scope="module")

@@ -198,7 +198,7 @@ def test_scorings_are_compared_and_laid_over_each_other(
     expect(page.locator(".lane-item", has_text="B manoeuvre 2")).to_be_visible()
     page.evaluate("document.querySelector('.compare-table').dataset.old = ''")
     page.locator("#units").dblclick()
-    expect(page.locator(".compare-table[data-old]")).to_have_count(0)  # drawn anew
+    expect(page.locator(".compare-table[data-old]")).to_have_count(0)  # redrawn
     expect(page.locator('.strip[data-key="p"] .readout-unit').first).to_have_text("rad/s")
     expect(page.get_by_label("start of the second scoring")).to_have_value("1")
     page.locator("#units").click()

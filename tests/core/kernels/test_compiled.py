@@ -39,7 +39,7 @@ print(*spread.stats.cache_hits.values(), len(spread.stats.cache_misses))
 
 
 def test_an_equal_copy_elsewhere_compiles_nothing_anew(sources: Path) -> None:
-    """Such as the next version, whose kernels are the same, in an environment of its own."""
+    """Such as the next version, whose kernels are the same, in its own environment."""
     spread(np.zeros((2, 3)))
     assert directory(sources) == directory(CORE)
     call = [sys.executable, "-c", COUNTED]
@@ -93,7 +93,7 @@ def test_a_home_that_cannot_be_written_stops_no_process(tmp_path: Path) -> None:
 
 
 def import_kernels(cache_home: Path) -> None:
-    """In a process of its own."""
+    """In a separate process."""
     environment = {**os.environ, "XDG_CACHE_HOME": str(cache_home), "NUMBA_CACHE_DIR": ""}
     code = "import core.kernels.reductions"
     subprocess.run([sys.executable, "-c", code], check=True, env=environment)

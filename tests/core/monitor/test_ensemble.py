@@ -54,7 +54,7 @@ def monitor(dataset: Dataset, failures: tuple[Array, np.ndarray]) -> Monitor:
 
 @pytest.fixture(scope="module")
 def parts(dataset: Dataset) -> tuple[Monitor, Monitor]:
-    """Neighbours and peak as monitors of their own."""
+    """Neighbours and peak as separate monitors."""
     return train(dataset, recipe_of("outputs_ahead")), train(dataset, recipe_of("peak_ahead"))
 
 

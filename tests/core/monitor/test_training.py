@@ -88,7 +88,7 @@ class Twin:
         return [self.joined(z[k], low) for k, low in zip(samples, lowest, strict=True)]
 
     def joined(self, z: Array, lowest: float) -> float:
-        """Exact p of a flight whose lowest score so far is given: calibrate anew, with z unsafe."""
+        """Exact p of a flight whose lowest score so far is given: calibrate again with z."""
         unsafe = [twin.error_points(twin.without(self.flights, i)) for i in range(len(self.alphas))]
         to_safe = twin.nearest(self.safe)
         alphas = [

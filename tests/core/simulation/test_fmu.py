@@ -1,4 +1,4 @@
-"""Functional mock-up units in processes of their own, against the same equations in Python."""
+"""Functional mock-up units in separate processes, against the same equations in Python."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Aircraft of JSBSim in processes of their own."""
+"""Aircraft of JSBSim in separate processes."""
 
 import pickle
 from dataclasses import replace

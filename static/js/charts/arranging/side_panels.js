@@ -1,5 +1,5 @@
 /**
- * The panels beside the strips: shown, hidden, in another order, magnified; or one of them alone in a window of its own.
+ * The panels beside the strips: shown, hidden, in another order, magnified; or one of them alone in a separate window.
  *
  * arrangePanels(address, column, {name: {label, element}}) -> Arrangement     see arrangement.js; kept in the address as `panels`
  *     column: holds the elements.   A frame is never moved, since it would load again: the others move around it

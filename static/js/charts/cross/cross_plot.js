@@ -1,7 +1,7 @@
 /**
  * Draws one channel against another: simulated flights behind, limits, and a trail that fades with age.
  *
- * createCrossPlot(canvas, {x, y, dt}) -> CrossPlot     x, y: strips of strips.js, of its own;   dt [s]
+ * createCrossPlot(canvas, {x, y, dt}) -> CrossPlot     x, y: strips of strips.js, not shared;   dt [s]
  *   canvas, resize(width, height), setPalette(palette)     see ../layout.js
  *   setFlights({safe, unsafe} | null)     [{x: [value], y: [value]}], values null where unknown
  *   draw({trail, from, to, word, at, limits, wall})

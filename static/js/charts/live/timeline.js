@@ -2,7 +2,7 @@
  * The time that every strip shares: the clock of the flight, and the window that follows it.
  *
  * The right edge runs by the wall clock, not by packets: when data stops it moves on, and the
- * strips show how old the last sample is. While the flight is paused or over it stands still.
+ * strips show how old the last sample is. While the flight is paused or over it does not move.
  * Flight time t is in seconds; wall times are `performance.now()` in milliseconds.
  *
  * createTimeline({seconds, dt, lead, staleAfter, start}) -> Timeline, with all of TimeWindow of ../time_window.js

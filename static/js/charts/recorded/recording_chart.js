@@ -226,7 +226,7 @@ function createSource(sources, { strips, timeWindow, dt, end, alertAbove = NaN, 
     };
   }
 
-  /** From tiles of its own: as fine as the samples, whatever the window shows. */
+  /** From its own tiles: as fine as the samples, whatever the window shows. */
   function trail(keys, from, to, visit) {
     const view = { start: from, end: to };
     const pixels = Math.ceil((to - from) / dt) + 1;

@@ -7,7 +7,7 @@
  *   best(view, pixels) -> TileSet | null    the coarsest that is fine enough, else the finest
  *   entire() -> TileSet | null, close()
  * previewTiles({key: {t, low, high}}) -> {start, end, step, t, channels: {key: {low, high}}} | null
- *     a preview's channels, each in bins of its own, on one time grid, for a recording that is not scored yet
+ *     a preview's channels, each in its own bins, on one time grid, for a recording that is not scored yet
  *
  * TileSet
  *   start, end, fine [s]                 as requested: a step of `fine` or a little more

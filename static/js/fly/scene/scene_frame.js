@@ -1,5 +1,5 @@
 /**
- * The three-dimensional scene of a flight, in a frame of its own at /scene/{flight}/.
+ * The three-dimensional scene of a flight, in its own frame at /scene/{flight}/.
  *
  * viser's client reconnects only while its document has the focus, so the frame pretends to have it.
  * The scene can be hidden on a slow machine. Its camera is remembered, and `camera` in the page's address; a view that
@@ -69,7 +69,7 @@ export function createSceneFrame(element, flight, address) {
   /** A flight without a scene answers with a problem document. */
   function check() {
     if (frame === null) return;
-    const inside = frame.contentDocument; // null where the browser shows a page of its own
+    const inside = frame.contentDocument; // null where the browser shows its own page
     if (inside?.contentType === "text/html") {
       inside.hasFocus = () => true;
       const style = inside.createElement("style");

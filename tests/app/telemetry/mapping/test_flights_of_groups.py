@@ -1,4 +1,4 @@
-"""Groups that are flights of their own: one is mapped, and never a mixture."""
+"""Groups that are separate flights: one is mapped, and never a mixture."""
 
 from dataclasses import replace
 

@@ -64,7 +64,7 @@ def test_a_reversed_channel_is_found_on_every_published_aircraft(model, reversed
 @pytest.mark.parametrize("model", [name for name in MODELS if not name.startswith("b747")])
 @pytest.mark.parametrize("reversed_", [("phi",), ("p", "delta_a")])
 def test_only_a_bank_angle_that_contradicts_all_others_is_reversed(model, reversed_):
-    """By the sideslip, where roll rate and aileron are reversed. The 747 hardly rolls."""
+    """By the sideslip, where roll rate and aileron are reversed. The 747 barely rolls."""
     channels = flight(model) | {key: -flight(model)[key] for key in reversed_}
     expected = surface_signs(PublishedAircraft(model, n_states=4).uncertain_plant())
     signs = find_signs(moves_of(channels), expected)

@@ -434,7 +434,7 @@ def test_a_response_that_moves_now_and_never_did_is_named(dataset: Dataset, flig
 def test_a_surface_that_never_moved_in_training_has_no_weight(
     dataset: Dataset, flights: Array
 ) -> None:
-    """It is not recorded, say, and stands at 0; what it does to the responses is seen in these."""
+    """It is not recorded, say, and reads 0; what it does to the responses is seen in these."""
     forecast = fit_innovation(with_still(dataset, DELTA_A))
     weights = np.abs(forecast.matrix).reshape(5, 6, 8).max(axis=(0, 2))
     assert weights[DELTA_A] < 1e-12 * weights.min(initial=1.0, where=np.arange(6) != DELTA_A)
