@@ -1,7 +1,7 @@
 """Simulators of others: flights in a second of CPU, and in a second with one and two processes.
 
-An FMU of three states, 6 s at 100 Hz; aircraft of JSBSim, 6 s at 50 Hz, with trim. All times are of
-one run on one machine: read the ratios.
+An FMU of three states, and aircraft of JSBSim with trim, 6 s at 100 Hz. All times are of one run on
+one machine: read the ratios.
 """
 
 import os
@@ -78,15 +78,15 @@ def test_flights_of_jsbsim(aircraft: str, altitude: float, speed: float) -> None
     keys = ["alpha", "q", "Nz", "V"]
     functions, outputs = functions_of(aircraft), [PROPERTIES[key] for key in keys]
     control = ["fcs/elevator-cmd-norm"]
-    model = Jsbsim(aircraft, altitude, speed, 0.02, functions, control, outputs, [1.0] * 4)
+    model = Jsbsim(aircraft, altitude, speed, 0.01, functions, control, outputs, [1.0] * 4)
     simulators = [
         ModelSimulator(
             model,
             f"jsbsim:{aircraft}",
             channels=keys,
-            dt=0.02,
+            dt=0.01,
             parameters=dict.fromkeys(functions, (1.0, 0.1)),
-            inputs=0.2 * np.repeat([0.0, -1.0, 1.0, 0.0], [25, 25, 25, 226]),
+            inputs=0.2 * np.repeat([0.0, -1.0, 1.0, 0.0], [50, 50, 50, 451]),
             processes=n,
         )
         for n in (1, 2)
