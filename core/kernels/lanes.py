@@ -352,6 +352,19 @@ def _column_function(module, n: int, columns: int):
     return function
 
 
+def _switch(builder, n, case) -> None:
+    """Branch to `case(size)` for the size n, 1 to UNROLLED; nothing for others."""
+    end = builder.append_basic_block("sizes_end")
+    switch = builder.switch(n, end)
+    for size in range(1, UNROLLED + 1):
+        block = builder.append_basic_block(f"size_{size}")
+        switch.add_case(ir.Constant(n.type, size), block)
+        with builder.goto_block(block):
+            case(size)
+            builder.branch(end)
+    builder.position_at_end(end)
+
+
 def _columns(columns: int):
     @intrinsic
     def multiply_columns(typing, w, left, right, start, out, n, stride):
@@ -364,16 +377,12 @@ def _columns(columns: int):
         def generate(context, builder, signature, arguments):
             w, *places, n, stride = arguments
             pointers = [_pointer(builder, w, place, _VECTOR) for place in places]
-            end = builder.append_basic_block("columns_end")
-            switch = builder.switch(n, end)
-            for size in range(1, UNROLLED + 1):
-                block = builder.append_basic_block(f"columns_{size}")
-                switch.add_case(ir.Constant(n.type, size), block)
+
+            def call(size):
                 function = _column_function(builder.module, size, columns)
-                with builder.goto_block(block):
-                    builder.call(function, [*pointers, stride])
-                    builder.branch(end)
-            builder.position_at_end(end)
+                builder.call(function, [*pointers, stride])
+
+            _switch(builder, n, call)
             return context.get_dummy_value()
 
         return types.void(*[types.intp] * 7), generate
@@ -382,6 +391,58 @@ def _columns(columns: int):
 
 
 multiply_column, multiply_column_pair = _columns(1), _columns(2)
+
+
+def _advance_function(module, n: int):
+    """Define, once per module, out = left (inputs; state), n sums in registers."""
+    vectors = _VECTOR.as_pointer()
+    kind = ir.FunctionType(ir.VoidType(), [vectors] * 4 + [_INTEGER])
+    function = cgutils.get_or_insert_function(module, kind, f"lanes_advance_{n}")
+    if function.blocks:
+        return function
+    function.linkage = "internal"
+    function.attributes.add("noinline")
+    left, inputs, state, out, n_inputs = function.args
+    builder = ir.IRBuilder(function.append_basic_block())
+    sums = [
+        cgutils.alloca_once_value(builder, ir.Constant(_VECTOR, [0.0] * WIDTH)) for _ in range(n)
+    ]
+
+    def add_columns(left, right, count):
+        with cgutils.for_range(builder, count) as loop:
+            x = builder.load(builder.gep(right, [loop.index]), align=8)
+            column = builder.gep(left, [builder.mul(loop.index, _INTEGER(n))])
+            for i in range(n):
+                a = builder.load(builder.gep(column, [_INTEGER(i)]), align=8)
+                builder.store(_call(builder, "fma", [a, x, builder.load(sums[i])]), sums[i])
+
+    add_columns(left, inputs, n_inputs)
+    add_columns(builder.gep(left, [builder.mul(n_inputs, _INTEGER(n))]), state, _INTEGER(n))
+    for i in range(n):
+        builder.store(builder.load(sums[i]), builder.gep(out, [_INTEGER(i)]), align=8)
+    builder.ret_void()
+    return function
+
+
+@intrinsic
+def advance(typing, w, left, inputs, n_inputs, state, out, n):
+    """out = left (inputs; state), 1 <= n <= UNROLLED states, kept in registers.
+
+    left (n, n_inputs + n) by columns: entry (i, k) is at left + 8 (n k + i) of w.
+    Does nothing for other n.
+    """
+
+    def generate(context, builder, signature, arguments):
+        w, left, inputs, n_inputs, state, out, n = arguments
+        pointers = [_pointer(builder, w, place, _VECTOR) for place in (left, inputs, state, out)]
+
+        def call(size):
+            builder.call(_advance_function(builder.module, size), [*pointers, n_inputs])
+
+        _switch(builder, n, call)
+        return context.get_dummy_value()
+
+    return types.void(*[types.intp] * 7), generate
 
 
 @intrinsic

@@ -8,10 +8,11 @@ from core.kernels import N_CHANNELS
 from core.kernels.closed_loop import N_FEEDBACK, clear, close_loop
 from core.kernels.compiled import inlined, jit
 from core.kernels.lanes import (
+    UNROLLED,
     WIDTH,
     add,
     address,
-    differs,
+    advance,
     divide,
     fma,
     load,
@@ -29,11 +30,13 @@ from core.kernels.lanes import (
     write_integer,
 )
 from core.kernels.pilot import Pilots, memory_of, seats, steer_lanes
-from core.kernels.zero_order_hold import FADING, GUST, KINDS, discretise, product, scratch
+from core.kernels.zero_order_hold import KINDS, discretise, scratch
 from core.types import Array
 
 SAMPLES = 4
 """Samples per transposed store: 4 samples x 6 channels are three blocks of eight."""
+MOST_INPUTS = 5
+"""Of a step: two commands, the fading rests of earlier ones, the rate of a gust."""
 GROUPS = 2
 """Groups of eight rollouts that alternate: one computes while the other waits for its sums."""
 LANES_IWORK = 2 * WIDTH + SAMPLES * N_CHANNELS
@@ -66,9 +69,8 @@ class Gusts(NamedTuple):
 def linear_work(nx: int, m: int, n_samples: int, n_out: int, in_loop: Pilots) -> int:
     """Workspace of `roll_out_linear` [numbers]."""
     n = nx + 2 + m
-    vectors = n * n + (9 + SAMPLES) * n + 4 + 4 * SAMPLES + N_FEEDBACK * (nx + 2)
-    own = vectors + 2 * n_samples + n_out + memory_of(in_loop)
-    return GROUPS * (own * WIDTH + scratch(n))
+    own = 2 * n_samples + n_out + memory_of(in_loop)
+    return GROUPS * (_places(nx, m).loop + own * WIDTH + scratch(n))
 
 
 @jit
@@ -95,18 +97,6 @@ def gather_gusts(gusts, which, step, rates):
     for at in range(0, (count - 1) * WIDTH, WIDTH):
         change = subtract(load(rates, at + WIDTH), load(rates, at))
         store(rates, at, divide(change, step))
-
-
-@jit
-def note_changes(commands, n_samples, changed, used):
-    """Mark the samples at which any command changes, and the surfaces that are commanded."""
-    for s in range(2):
-        before = splat(0.0)
-        for k in range(n_samples):
-            command = load(commands, (2 * k + s) * WIDTH)
-            if differs(command, before):
-                changed[k] = used[s] = True
-            before = command
 
 
 @jit
@@ -185,25 +175,32 @@ def write_rest(w, which, samples, target, written):
 
 
 @jit
-def _drive(w, gains, inputs, aileron, rudder, n, start, out):
-    """out = start + gains (n, 2) inputs (2), for the surfaces in use."""
-    u0 = load(w, inputs)
-    u1 = load(w, inputs + WIDTH)
-    for i in range(n):
-        v = load(w, start + i * WIDTH)
-        if aileron:
-            v = fma(load(w, gains + 2 * i * WIDTH), u0, v)
-        if rudder:
-            v = fma(load(w, gains + (2 * i + 1) * WIDTH), u1, v)
-        store(w, out + i * WIDTH, v)
+def _pack(w, at, n_inputs):
+    """Write the gains of the inputs and the transition of the state, by columns."""
+    n = at.n
+    for k in range(n_inputs):  # kinds of two each
+        for i in range(n):
+            gain = load(w, at.inputs + (k // 2 * n + i) * 2 * WIDTH + k % 2 * WIDTH)
+            store(w, at.step + (k * n + i) * WIDTH, gain)
+    for k in range(n):
+        for i in range(n):
+            share = load(w, at.phi + (i * n + k) * WIDTH)
+            store(w, at.step + ((n_inputs + k) * n + i) * WIDTH, share)
 
 
 @jit
-def _add_gust(w, gains, rate, n, start, out):
-    """out = start + gains (n, 2; the first column) times the rates of eight gusts."""
-    for i in range(n):
-        gain = load(w, gains + 2 * i * WIDTH)
-        store(w, out + i * WIDTH, fma(gain, rate, load(w, start + i * WIDTH)))
+def _advance(w, at, n_inputs, z, out):
+    """Advance a state by one output step, from z to out."""
+    if at.n <= UNROLLED:
+        advance(w, at.step, at.u, n_inputs, z, out, at.n)
+        return
+    for i in range(at.n):
+        v, column = splat(0.0), at.step + i * WIDTH
+        for k in range(n_inputs):
+            v = fma(load(w, column + k * at.line), load(w, at.u + k * WIDTH), v)
+        for k in range(at.n):
+            v = fma(load(w, column + (n_inputs + k) * at.line), load(w, z + k * WIDTH), v)
+        store(w, out + i * WIDTH, v)
 
 
 @jit
@@ -223,11 +220,10 @@ class _LinearPlaces(NamedTuple):
     line: int
     phi: int
     inputs: int
-    zero: int
-    constant: int
-    force: int
+    step: int
     u: int
     e: int
+    rate: int
     z: int
     y: int
     rows: int
@@ -240,32 +236,32 @@ def _places(nx, m):
     line = n * WIDTH
     phi = n - n  # a literal compiles every callee again
     inputs = n * line
-    zero = inputs + 2 * KINDS * line
-    constant = zero + line
-    force = constant + line
-    u = force + line
+    step = inputs + 2 * KINDS * line
+    u = step + (MOST_INPUTS + n) * line
     e = u + 2 * WIDTH
-    z = e + 2 * WIDTH
+    rate = e + 2 * WIDTH
+    z = rate + WIDTH
     y = z + SAMPLES * line
     rows = y + SAMPLES * 4 * WIDTH
     loop = rows + N_FEEDBACK * (nx + 2) * WIDTH
-    return _LinearPlaces(n, line, phi, inputs, zero, constant, force, u, e, z, y, rows, loop)
+    return _LinearPlaces(n, line, phi, inputs, step, u, e, rate, z, y, rows, loop)
 
 
 @jit
-def _begin(w, at, plants, law, bandwidth, hold, gust_state, which):
+def _begin(w, at, plants, law, bandwidth, hold, gust_state, n_inputs, which):
     """Set eight rollouts to trim, before their first command. False if a loop is not finite."""
     nx = plants[0].shape[1]
     if not close_loop(plants, law, bandwidth, which, w, at.loop, at.rows):
         return False
+    clear(w, at.inputs, 2 * KINDS * at.n)
     if not discretise(
         w, at.loop, at.n, nx, bandwidth, hold.step, hold.series, hold.decays, gust_state,
         at.phi, at.inputs,
     ):  # fmt: skip
         return False
+    _pack(w, at, n_inputs)
     locate_channels(w, at.rows, at.z, at.line, at.y, nx, which + 16 * WIDTH)
-    clear(w, at.zero, at.n)
-    clear(w, at.u, 4 + at.n)
+    clear(w, at.u, MOST_INPUTS + at.n)
     return True
 
 
@@ -285,79 +281,59 @@ def roll_out_linear(
     n_samples = pilot.shape[1]
     length = out.shape[1] * N_CHANNELS
     at = _places(nx, law[0].shape[0])
-    n, line, phi, inputs, zero, constant, force, u, e, z, y, rows, loop = at
-    held, fading, gusting = inputs, inputs + 2 * FADING * line, inputs + 2 * GUST * line
     w0, which0, target = address(work), address(iwork), address(out)
-    w_bytes, which_bytes = 8 * (loop + scratch(n)), 8 * LANES_IWORK
+    w_bytes, which_bytes = 8 * (at.loop + scratch(at.n)), 8 * LANES_IWORK
     commands0 = w0 + GROUPS * w_bytes
     commands_bytes = 8 * 2 * n_samples * WIDTH if pilot.shape[0] > 1 else 0
     rates0, is_gusty = commands0 + GROUPS * 8 * 2 * n_samples * WIDTH, gusts.state >= 0
     rates_bytes = 8 * gusts.sideslip.shape[1] * WIDTH
-    changed, used = np.zeros(n_samples, np.bool_), np.zeros(2, np.bool_)
-    lagged, fade = hold.decays[0] != 0.0, splat(hold.decays[0])
-    start = force if lagged else constant
+    is_lagged, fade = hold.decays[0] != 0.0, splat(hold.decays[0])
+    n_inputs = np.int64(5 if is_gusty else 4 if is_lagged else 2)
     seat = seats(in_loop, rates0 + GROUPS * rates_bytes)
-    is_tracked = seat.n_axes > 0
     for base in range(first, last, GROUPS * WIDTH):
         groups = min(GROUPS, (last - base + WIDTH - 1) // WIDTH)
         for g in range(groups):
             w, which = w0 + g * w_bytes, which0 + g * which_bytes
             place_lanes(which, base + g * WIDTH, n_rollouts, length)
-            if not _begin(w, at, plants, law, bandwidth, hold, gusts.state, which):
+            if not _begin(w, at, plants, law, bandwidth, hold, gusts.state, n_inputs, which):
                 return base
             if is_gusty:
                 gather_gusts(gusts, which, hold.step, rates0 + g * rates_bytes)
-        if base == first or commands_bytes > 0:
-            changed[:] = False
-            changed[0] = True
-            for g in range(groups):
-                commands = commands0 + g * commands_bytes
-                gather_commands(pilot, which0 + g * which_bytes, commands)
-                note_changes(commands, n_samples, changed, used)
-            if is_tracked:
-                changed[:], used[:] = True, True
+            if base == first or commands_bytes > 0:
+                gather_commands(pilot, which, commands0 + g * commands_bytes)
         now = 0
         filled = np.int64(1)
         written = np.int64(length - ((n_samples - 1) * hold.substeps + 1) * N_CHANNELS)
         begun = 0
         for k in range(n_samples - 1):
-            if changed[k]:
-                for g in range(groups):
-                    w, commands = w0 + g * w_bytes, commands0 + g * commands_bytes
-                    if is_tracked:
-                        places = rows, z + now, nx + 2, which0 + g * which_bytes
-                        steer_lanes(seat, g * WIDTH, w, *places, commands, k)
-                    take_command(w, commands, 2 * k * WIDTH, u, e)
-                    _drive(w, held, u, used[0], used[1], n, zero, constant)
+            for g in range(groups):
+                w, commands = w0 + g * w_bytes, commands0 + g * commands_bytes
+                if seat.n_axes > 0:
+                    places = at.rows, at.z + now, nx + 2, which0 + g * which_bytes
+                    steer_lanes(seat, g * WIDTH, w, *places, commands, k)
+                take_command(w, commands, 2 * k * WIDTH, at.u, at.e)
             for _ in range(hold.substeps):
                 for g in range(groups):
                     w = w0 + g * w_bytes
-                    if lagged:
-                        _drive(w, fading, e, used[0], used[1], n, constant, force)
-                        store(w, e, multiply(fade, load(w, e)))
-                        store(w, e + WIDTH, multiply(fade, load(w, e + WIDTH)))
                     if is_gusty:
                         rate = load(rates0 + g * rates_bytes, begun * WIDTH)
-                        _add_gust(w, gusting, rate, n, start, force)
-                    product(
-                        w,
-                        phi,
-                        z + now,
-                        force if is_gusty else start,
-                        z + filled * line,
-                        n,
-                        np.int64(1),
-                    )
-                now = filled * line
+                        store(w, at.rate, rate)
+                    _advance(w, at, n_inputs, at.z + now, at.z + filled * at.line)
+                    if is_lagged:
+                        store(w, at.e, multiply(fade, load(w, at.e)))
+                        store(w, at.e + WIDTH, multiply(fade, load(w, at.e + WIDTH)))
+                now = filled * at.line
                 begun += 1
                 filled += 1
                 if filled == SAMPLES:
                     for g in range(groups):
                         w, which = w0 + g * w_bytes, which0 + g * which_bytes
-                        write_samples(w, rows, z, line, y, nx, which, filled, target, written)
+                        write_samples(
+                            w, at.rows, at.z, at.line, at.y, nx, which, filled, target, written
+                        )
                     written += SAMPLES * N_CHANNELS
                     filled = 0
         for g in range(groups):
             w, which = w0 + g * w_bytes, which0 + g * which_bytes
-            write_samples(w, rows, z, line, y, nx, which, filled, target, written)
+            write_samples(w, at.rows, at.z, at.line, at.y, nx, which, filled, target, written)
     return -1
