@@ -16,9 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 import viser
+from scipy.spatial.transform import Rotation
 
 from app.scene.airframes import Faces, Part, Point, Vertices, outline
-from app.scene.ground_track import TRAIL_POINTS, GroundTrack
+from app.scene.ground_track import TRAIL_POINTS, GroundTrack, body_to_earth
 from app.scene.shown import (
     ALERT,
     CALM,
@@ -287,7 +288,7 @@ class Picture:
         track, (bank, pitch, heading) = self._track, shown.attitude
         track.advance(shown.t, _drawn_attitude(shown.attitude), shown.beta or 0.0, colour)
         north, east = -(track.place % SECTION)
-        self._set(self._chase, wxyz=turned(DOWN, -track.heading))
+        self._set(self._chase, wxyz=wxyz(turn(DOWN, -track.heading)))
         self._set(self._ground, position=(float(north), float(east), GROUND_BELOW))
         self._set(self._compass, visible=heading is not None)
         self._set(self._trail, visible=bank is not None and pitch is not None)
@@ -297,7 +298,7 @@ class Picture:
         """Attitude, surfaces and velocity; grey if the telemetry is stale or invalid."""
         lost = shown.state in (State.STALE, State.INVALID)
         bank, pitch, _ = shown.attitude
-        self._set(self._aircraft, wxyz=attitude_wxyz(*_drawn_attitude(shown.attitude)))
+        self._set(self._aircraft, wxyz=wxyz(body_to_earth(*_drawn_attitude(shown.attitude))))
         self._set(self._body, visible=bank is None and pitch is not None)
         self._set(self._wings, visible=pitch is None and bank is not None)
         roll, yaw = (
@@ -318,12 +319,12 @@ class Picture:
             colour = self._parts["wings"][0].colour if is_fixed else part.colour
             self._set(node, color=GHOST if lost else colour, visible=seen)
             if name in turns and angle is not None:
-                self._set(node, wxyz=turned(part.axis, angle))
+                self._set(node, wxyz=wxyz(turn(part.axis, angle)))
         self._slide(shown, lost)
         is_planned = shown.planned is not None and shown.state is not State.STALE
         self._set(self._ghost, visible=is_planned)
         if shown.planned is not None:
-            self._set(self._ghost, wxyz=attitude_wxyz(*_drawn_attitude(shown.planned)))
+            self._set(self._ghost, wxyz=wxyz(body_to_earth(*_drawn_attitude(shown.planned))))
 
     def _slide(self, shown: Shown, lost: bool) -> None:
         """Velocity and sideslip."""
@@ -331,7 +332,7 @@ class Picture:
             self._set(node, visible=shown.beta is not None)
         if shown.beta is not None:
             alpha = self._alpha0 if shown.alpha is None else shown.alpha
-            self._set(self._velocity, wxyz=wind_wxyz(alpha, _drawn(shown.beta)))
+            self._set(self._velocity, wxyz=wxyz(wind_to_body(alpha, _drawn(shown.beta))))
         self._paint(self._velocity, GHOST if lost else VELOCITY)
 
     def _risk(self, shown: Shown, colour: Colour) -> None:
@@ -365,27 +366,20 @@ def _beside_column(shift: float, z: float) -> Point:
     return x + shift * INWARD, y + shift * INWARD, base + z
 
 
-def attitude_wxyz(phi: float, theta: float, psi: float) -> tuple[float, ...]:
-    """The quaternion from body axes to north-east-down: heading, then pitch, then bank [rad]."""
-    (a, b, c), (d, e, f) = ([turn(angle / 2) for angle in (phi, theta, psi)] for turn in (cos, sin))
-    return (
-        a * b * c + d * e * f,
-        d * b * c - a * e * f,
-        a * e * c + d * b * f,
-        a * b * f - d * e * c,
-    )
+def wxyz(rotation: Rotation) -> tuple[float, ...]:
+    """The quaternion, as viser takes it."""
+    x, y, z, w = rotation.as_quat().tolist()
+    return w, x, y, z
 
 
-def wind_wxyz(alpha: float, beta: float) -> tuple[float, ...]:
-    """The quaternion from wind to body axes [rad]."""
-    a, b, d, e = cos(alpha / 2), cos(beta / 2), -sin(alpha / 2), sin(beta / 2)
-    return a * b, d * e, d * b, a * e
+def wind_to_body(alpha: float, beta: float) -> Rotation:
+    """[rad]"""
+    return Rotation.from_euler("YZ", (-alpha, beta))
 
 
-def turned(axis: Point, angle: float) -> tuple[float, ...]:
-    """The quaternion of a right-handed turn about a unit vector by an angle [rad]."""
-    part = sin(angle / 2)
-    return (cos(angle / 2), *(part * along for along in axis))
+def turn(axis: Point, angle: float) -> Rotation:
+    """Right-handed about a unit vector [rad]."""
+    return Rotation.from_rotvec(angle * np.array(axis))
 
 
 def _drawn_attitude(attitude: KnownAngles) -> Attitude:

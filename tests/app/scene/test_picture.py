@@ -1,5 +1,5 @@
 import threading
-from math import isfinite, nan, pi, radians
+from math import isfinite, nan, radians
 from typing import Any
 
 import numpy as np
@@ -21,8 +21,6 @@ from app.scene.picture import (
     HORIZON,
     UNKNOWN_AT,
     WIDEST,
-    attitude_wxyz,
-    turned,
 )
 from app.scene.scene import Scene
 from app.scene.shown import (
@@ -387,17 +385,6 @@ class TestThePicture:
         clock.now += 60.0
         scene.draw()
         assert not ghost.visible
-
-    @given(*3 * [st.floats(-pi, pi)])
-    def test_quaternions_are_those_of_scipy(self, phi, theta, psi):
-        def matrix(wxyz):
-            return Rotation.from_quat(np.roll(wxyz, -1)).as_matrix()
-
-        truth = Rotation.from_euler("ZYX", (psi, theta, phi)).as_matrix()
-        assert matrix(attitude_wxyz(phi, theta, psi)) == pytest.approx(truth, abs=1e-9)
-        axis = np.array((0.6, 0.0, 0.8))
-        truth = Rotation.from_rotvec(phi * axis).as_matrix()
-        assert matrix(turned((0.6, 0.0, 0.8), phi)) == pytest.approx(truth, abs=1e-9)
 
     def test_a_known_angle_of_attack_turns_the_velocity(self, scene):
         show(scene, alpha=0.2)
