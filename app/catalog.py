@@ -41,7 +41,7 @@ from app.telemetry.targets import KNOWN
 from app.telemetry.units import choices
 from core import __version__
 from core.bounds import bounds_of
-from core.channels import CHANNELS
+from core.channels import CHANNELS, known_channels
 from core.clearance.clearance import ClearanceRecipe
 from core.conditions import CONDITIONS
 from core.evaluation.baselines import Baseline
@@ -99,6 +99,7 @@ def catalog() -> dict[str, Any]:
     return {
         "version": __version__,
         "channels": [asdict(channel) for channel in CHANNELS],
+        "known_channels": [asdict(channel) for channel in known_channels().values()],
         "conditions": [asdict(channel) for channel in CONDITIONS.values()],
         "families": families,
         "recipes": {name: _recipe(name, recipe) for name, recipe in RECIPES.items()},

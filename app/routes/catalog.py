@@ -98,6 +98,9 @@ class Catalog(BaseModel):
 
     version: str
     channels: list[Channel]
+    known_channels: list[Channel] = Field(
+        description="channels of all dictionaries, by whose keys parameters are named"
+    )
     conditions: list[ConditionChannel] = Field(
         description="channels that define the flight conditions of a limit set"
     )

@@ -5,7 +5,7 @@
  *     place: {path, catalog, editors}; every editor enters itself in `editors` by its path
  */
 
-import { choiceName, labelOf, plainWords } from "../lib/catalog.js";
+import { channelOf, choiceName, labelOf, plainWords } from "../lib/catalog.js";
 import { formatted, h, put } from "../lib/dom.js";
 import { capital, followUnits, rounded, shownIn } from "../lib/numbers.js";
 import { checkbox, fieldOf, select, textInput } from "./controls.js";
@@ -75,8 +75,7 @@ function number(key, schema, value, place, field) {
   const high = kind.maximum ?? schema.maximum;
   const look = { inputmode: "decimal", placeholder: isOptional && "none" };
   const control = h("input", { type: "number", step: isInteger ? 1 : "any", min: low, max: high, ...look });
-  const channel = place.catalog.channels.find((known) => known.key === key);
-  const converts = channel && schema["x-unit"] === channel.unit;
+  const channel = channelOf(key, schema, place.catalog);
   let factor = 1;
   let shown = "";
   const read = () => {
@@ -84,12 +83,12 @@ function number(key, schema, value, place, field) {
     return control.value === shown ? value : Number(control.value) / factor; // no digit is lost
   };
   const show = () => {
-    factor = converts ? shownIn(channel).factor : 1;
-    shown = String(value == null ? "" : converts ? rounded(value * factor) : value);
+    factor = channel ? shownIn(channel).factor : 1;
+    shown = String(value == null ? "" : channel ? rounded(value * factor) : value);
     control.value = shown;
   };
   show();
-  if (converts) control.dataset.units = "";
+  if (channel) control.dataset.units = "";
   control.addEventListener("units", () => {
     if (control.validity.badInput) return;
     value = read();

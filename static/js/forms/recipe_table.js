@@ -1,6 +1,6 @@
 /** A recipe to read: every parameter with its unit, as the catalog calls it; nested objects and families indented. */
 
-import { aircraftCondition, choiceName, labelOf } from "../lib/catalog.js";
+import { aircraftCondition, channelOf, choiceName, labelOf } from "../lib/catalog.js";
 import { formatted, h, recipeList } from "../lib/dom.js";
 import { figure, magnitudeIn, trueMinus } from "../lib/numbers.js";
 import { fold } from "./controls.js";
@@ -19,7 +19,7 @@ function row(key, property, value, catalog) {
     const given = Object.entries(value ?? {}).filter(([, parameter]) => parameter !== null && parameter !== 0);
     return [term, given.length ? recipeTable(property, Object.fromEntries(given), catalog) : "none"];
   }
-  const channel = catalog.channels.find((known) => known.key === key);
+  const channel = channelOf(key, property, catalog);
   if (channel && typeof value === "number") return [term, magnitudeIn(channel, value)];
   if (property.enum) return [term, choiceName(property, value)];
   return [term, [words(value), unit && value !== null ? ` ${unit}` : ""]];

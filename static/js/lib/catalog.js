@@ -118,10 +118,13 @@ export function choiceName(schema, value) {
   return schema["x-labels"]?.[schema.enum.indexOf(value)] ?? String(value);
 }
 
+/** The channel whose value a parameter has; undefined for none. */
+export function channelOf(key, schema, catalog) {
+  return catalog.known_channels.find((known) => known.key === key && known.unit === schema["x-unit"]);
+}
+
 export function labelOf(key, schema, catalog) {
-  const channel = catalog.channels.find((entry) => entry.key === key);
-  const unit = schema["x-unit"] ?? "";
-  if (channel)
-    return { text: channel.label, symbol: channel.symbol, unit: unit && shownIn(channel).unit };
-  return { text: schema.title, symbol: "", unit };
+  const channel = channelOf(key, schema, catalog);
+  if (channel) return { text: channel.label, symbol: channel.symbol, unit: shownIn(channel).unit };
+  return { text: schema.title, symbol: "", unit: schema["x-unit"] ?? "" };
 }

@@ -308,7 +308,8 @@ READ_BACK = """async ([catalog, cases]) => {
         const fields = createFields(schema, initial, { catalog, path: "x" });
         const holder = document.body.appendChild(document.createElement("form"));
         holder.append(...fields.keys.map(fields.element));
-        const read = [fields.check(), fields.read()];
+        const units = [...holder.querySelectorAll("[data-path*='.noise.'] .unit")].map((unit) => unit.textContent);
+        const read = [fields.check(), fields.read(), units];
         holder.remove();
         return read;
     });
@@ -328,7 +329,10 @@ def test_an_untouched_form_asks_for_the_defaults_of_every_recipe_and_member(
     cases = list(known["recipes"].values())
     cases += [known["families"][family]["entries"][kind] for family, kind in members()]
     given = [{"schema": case["schema"], "initial": case["default"]} for case in cases]
-    read = page.evaluate(READ_BACK, [known, given])
+    *read, units = zip(*page.evaluate(READ_BACK, [known, given]), strict=True)
+    noise = {unit.strip() for each in units for unit in each}
+    assert noise == {"[deg]", "[deg/s]", "[g]", "[m/s]", "[Pa]"}
+    read = [list(each) for each in zip(*read, strict=True)]
     for recipe in (recipe for _, each in read for recipe in (each, each.get("dataset", {}))):
         if recipe.get("pilot") == {"kind": "open_loop"}:
             del recipe["pilot"]  # the usual one has no key in the plain form
