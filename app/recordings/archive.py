@@ -130,7 +130,7 @@ class ArchiveRequest:
 class Archived:
     """Numbers of flights.   failed: reason by file.   copies: flight with the same content.
 
-    doubted: flights mapped with less confidence than `DOUBTED`.
+    doubted: flights whose mapping is a guess.
     """
 
     scored: int
@@ -391,8 +391,13 @@ def score_archive(
     failed = {each["flight"]: each["error"] for each in results if "error" in each}
     unchanged = sum(bool(each.get("is_unchanged")) for each in results)
     n_scored = len(results) - len(failed) - len(copies) - unchanged
-    doubted = len({row["flight"] for row in rows if (row["mapping_confidence"] or 1.0) < DOUBTED})
+    doubted = len({row["flight"] for row in rows if is_guess(row["mapping_confidence"])})
     return Archived(n_scored, unchanged, doubted, failed, copies)
+
+
+def is_guess(confidence: float | None) -> bool:
+    """confidence: of the mapping; None if it was given."""
+    return confidence is not None and confidence < DOUBTED
 
 
 def _confidence(proposal: Proposal | None) -> float | None:

@@ -23,6 +23,7 @@ from app.recordings.archive import (
     ID_LETTERS,
     RECORDS,
     SUMMARY,
+    is_guess,
     record_id,
     stored_about,
 )
@@ -135,7 +136,7 @@ class ScoredArchive:
             order = dict.fromkeys((sort, *SORTED_BY), "descending")
             table = table.sort_by([*order.items()])
         table = table.slice(first, limit)
-        return [{"id": record_id(row["flight"]), **row} for row in table.to_pylist()]
+        return [{"id": record_id(row["flight"]), **_marked(row)} for row in table.to_pylist()]
 
     def files(
         self, state: FilesState | None, text: str, limit: int, first: int
@@ -169,7 +170,7 @@ class ScoredArchive:
         details |= {"manoeuvres": worded(details["manoeuvres"])}
         of_file = {key: record[key] for key in ("digest", "size", "request", "time_zero")}
         of_monitor = {key: scorer[key] for key in ("alert_above", "channels")}
-        return row | details | of_file | of_monitor | {"id": flight_id, "monitors": names}
+        return _marked(row) | details | of_file | of_monitor | {"id": flight_id, "monitors": names}
 
     def tiles(
         self, flight_id: str, monitor: str, start: float | None, end: float | None, bins: int
@@ -269,6 +270,10 @@ def _about(archive: ScoredArchive) -> dict[str, Any]:
     except ArchiveError as error:
         place = {"name": archive.folder.name, "folder": str(archive.folder)}
         return {"id": archive.id, **place, "problem": str(error)}
+
+
+def _marked(row: dict[str, Any]) -> dict[str, Any]:
+    return row | {"mapping_is_guess": is_guess(row.get("mapping_confidence"))}
 
 
 def _names(column: Any) -> list[str]:

@@ -101,6 +101,7 @@ class ArchiveRow(ArchiveCounts):
         description="the least in a channel of a proposed mapping, 0 to 1; null if it was given",
     )
     samples: str = Field(description="path of the samples in the archive")
+    mapping_is_guess: bool = Field(description="its confidence is low: check the mapping")
 
 
 class ArchiveFlight(ArchiveRow):

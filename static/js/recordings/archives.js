@@ -36,7 +36,6 @@ const SORTS = [
 ];
 const ADDS_UP =
   "Each manoeuvre is in time, late, a miss, a false alarm, quiet or without a verdict. Each exceedance, measured from trim, is in time, late, a miss or without a verdict; one as recorded only, or outside every manoeuvre, is counted apart.";
-const DOUBTED = 0.6; // a mapping of less confidence is a guess
 const BAD = (n) => (n ? chip(`◆ ${count(n)}`, "caution") : count(n));
 const COUNTS = [
   ["Manoeuvres", ({ manoeuvres }) => count(manoeuvres), "number"],
@@ -84,7 +83,7 @@ function noVerdictOf({ no_verdict: n, exceedances, exceedances_as_recorded: reco
 
 const hint = (text) => h("span.hint.hint-line", text);
 
-const doubtOf = (sure) => sure !== null && sure < DOUBTED && h("span.hint-line", chip(`◆ mapping is a guess: ${Math.round(100 * sure)} %`, "caution"));
+const doubtOf = ({ mapping_is_guess: isGuess, mapping_confidence: sure }) => isGuess && h("span.hint-line", chip(`◆ mapping is a guess: ${Math.round(100 * sure)} %`, "caution"));
 
 function validityOf({ valid, not_valid: not, validity_unknown: unknown, manoeuvres }) {
   const title = `${count(valid)} applicable, ${count(not)} INVALID, ${count(unknown)} unknown`;
@@ -165,10 +164,11 @@ function showArchive(element, { id, api }) {
       rows.replaceChildren(flights.length ? table({ columns, items: flights, panel: false, classes: "archive-table" }) : none);
     }
 
-    function nameOf({ id: flight, flight: name, aircraft: craft, month, monitor, mapping_confidence: sure }) {
+    function nameOf(row) {
+      const { id: flight, flight: name, aircraft: craft, month, monitor } = row;
       const query = new URLSearchParams({ flight, monitor });
       const about = [craft, month, several && monitor].filter(Boolean).join(" · ");
-      return [h("a", { href: `#/archives/${id}?${query}` }, name), h("span.hint.hint-line", about), doubtOf(sure)];
+      return [h("a", { href: `#/archives/${id}?${query}` }, name), h("span.hint.hint-line", about), doubtOf(row)];
     }
 
     function fillFailed(files) {

@@ -308,7 +308,8 @@ READ_BACK = """async ([catalog, cases]) => {
         const fields = createFields(schema, initial, { catalog, path: "x" });
         const holder = document.body.appendChild(document.createElement("form"));
         holder.append(...fields.keys.map(fields.element));
-        const units = [...holder.querySelectorAll("[data-path*='.noise.'] .unit")].map((unit) => unit.textContent);
+        const noise = holder.querySelectorAll("[data-path*='.noise.'] .unit");
+        const units = [...noise].map((unit) => unit.textContent);
         const read = [fields.check(), fields.read(), units];
         holder.remove();
         return read;

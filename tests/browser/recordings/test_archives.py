@@ -5,9 +5,10 @@ import shutil
 from collections.abc import Iterator
 
 import pytest
-from playwright.sync_api import Page, Route, expect
+from playwright.sync_api import Page, expect
 
 from app.cli import main
+from app.recordings import archive
 from tests.browser.site import Site, open_site
 from tests.support.places import DATA
 
@@ -31,19 +32,18 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     shutil.rmtree(folder)
 
 
-def test_a_guessed_mapping_is_marked_beside_its_flight(page: Page, site: Site) -> None:
-    def guessed(route: Route) -> None:
-        answer = route.fetch()
-        first, *others = answer.json()
-        assert first["mapping_confidence"] > 0.6
-        route.fulfill(response=answer, json=[first | {"mapping_confidence": 0.44}, *others])
-
-    page.route("**/flights?**", guessed)
+def test_a_guessed_mapping_is_marked_beside_its_flight(
+    page: Page, site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(archive, "DOUBTED", 1.0)
     page.goto(f"{site.http}/#/archives")
     page.get_by_role("link", name="card 7").click()
     rows = page.locator(".archive-table").last.locator("tbody tr")
+    expect(rows.filter(has_text="mapping is a guess")).to_have_count(2)
+    monkeypatch.undo()
+    page.reload()
     expect(rows).to_have_count(2)
-    expect(rows.filter(has_text="44 %")).to_have_count(1)
+    expect(rows.filter(has_text="mapping is a guess")).to_have_count(0)
 
 
 def test_an_archive_is_summed_filtered_and_its_flights_open(page: Page, site: Site) -> None:
