@@ -38,9 +38,8 @@ from app.routes.dependencies import (
 from app.routes.jobs import ACCEPTED, accepted, queued
 from app.routes.sent_files import BINARY, CONTENT, OCTETS, sent_file
 from app.scene.own_airframe import LARGEST, check_airframe
-from app.store.airframes import AirframeInfo
 from app.store.jobs import JobInfo
-from app.store.monitors import MonitorInfo
+from app.store.monitors import AirframeInfo, MonitorInfo
 from core.evaluation.certificate import calibrated_on, warnings_of, with_power_of_quiet
 from core.evaluation.rates import EPSILONS
 from core.monitor import Monitor

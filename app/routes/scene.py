@@ -7,7 +7,7 @@ The page derives its WebSocket from its own address: served at /scene/{flight}/,
 import asyncio
 import hashlib
 import json
-from collections.abc import Callable, Coroutine
+from collections.abc import Coroutine
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -85,8 +85,6 @@ loads, and would log an error, although no scene has splats. ?camera=tail is the
 lookFrom(name) another one, and showWords("all" | "numbers" | "none") chooses the texts: the client
 gets these as if the server had sent them."""
 
-CheckOrigin = Callable[[WebSocket], Any]
-
 
 @dataclass(frozen=True)
 class ClientPage:
@@ -117,11 +115,8 @@ def _scene(connection: HTTPConnection, flight: str) -> Scene | None:
     return scenes.get(flight)
 
 
-def scene_router(check_origin: CheckOrigin = same_origin) -> APIRouter:
-    """Routes /scene/{flight}/ (page) and /scene/{flight} (WebSocket); need app.state.scenes.
-
-    check_origin: called with the WebSocket before it is accepted; raises WebSocketException.
-    """
+def scene_router() -> APIRouter:
+    """Routes /scene/{flight}/ (page) and /scene/{flight} (WebSocket); need app.state.scenes."""
     router = APIRouter(include_in_schema=False)
 
     @router.get("/scene/{flight}/")
@@ -141,7 +136,7 @@ def scene_router(check_origin: CheckOrigin = same_origin) -> APIRouter:
             return Response(status_code=304, headers=headers)
         return Response(client.html, media_type="text/html", headers=headers)
 
-    @router.websocket("/scene/{flight}", dependencies=[Depends(check_origin)])
+    @router.websocket("/scene/{flight}", dependencies=[Depends(same_origin)])
     async def stream(websocket: WebSocket, flight: str) -> None:
         if SUBPROTOCOL not in websocket.scope["subprotocols"]:
             raise WebSocketException(

@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 from sqlalchemy import Row
 
-from app.store.arrays import from_blob, to_blob
 from app.store.database import Damaged, to_text
+from app.store.datasets import from_blob, to_blob
 from core.monitor.assessment import REASONS
 from core.types import Array
 

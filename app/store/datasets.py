@@ -1,15 +1,19 @@
-"""Stored datasets: arrays in blocks, so that one rollout is read without the others."""
+"""Stored datasets: arrays in blocks, so that one rollout is read without the others.
 
-from collections.abc import Iterator, Sequence
+An array is a blob in numpy's .npy format, never pickle; a long one is several blocks of rows.
+"""
+
+import io
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import Field
 from sqlalchemy import Connection, Row, delete, select
 
 from app.recipes.recipes import SentRecipe
-from app.store.arrays import from_blob, from_blocks, to_blocks
 from app.store.database import Damaged
 from app.store.repository import Entries, Entry, InUse, NotFound, Time
 from app.store.tables import dataset_blocks, datasets, monitors, new_id, now
@@ -38,6 +42,57 @@ BINS_TO_THE_LIMIT = 20
 MOST_BINS = 60
 
 Outcome = Literal["unsafe", "safe"]
+BLOCK_BYTES = 256 * 1024
+
+
+def to_blob(array: npt.NDArray) -> bytes:
+    file = io.BytesIO()
+    np.save(file, array, allow_pickle=False)
+    return file.getvalue()
+
+
+def from_blob(blob: bytes) -> npt.NDArray:
+    """Unpack an array. StoreError if the blob is damaged."""
+    try:
+        try:
+            return np.load(io.BytesIO(blob), allow_pickle=False)
+        except SystemError:  # CPython 3.11: numpy's header parser is not thread-safe
+            return np.load(io.BytesIO(blob), allow_pickle=False)
+    except Exception as error:  # numpy's parser raises many kinds for a damaged header
+        raise Damaged(
+            f"a stored array is damaged ({error}): restore the database from a backup"
+        ) from error
+
+
+def to_blocks(array: npt.NDArray) -> Iterator[tuple[int, bytes]]:
+    """Blocks of whole rows as (first row, blob); an array without rows gives one block."""
+    row_bytes = array.nbytes // max(len(array), 1)
+    rows = max(1, BLOCK_BYTES // max(row_bytes, 1))
+    for first in range(0, max(len(array), 1), rows):
+        yield first, to_blob(array[first : first + rows])
+
+
+def from_blocks(blocks: Iterable[bytes], n_rows: int) -> npt.NDArray:
+    """Join blocks in order. StoreError if they do not add up to n_rows rows."""
+    array, first = None, 0
+    for blob in blocks:
+        block = from_blob(blob)
+        if array is None:
+            array = np.empty((n_rows, *block.shape[1:]), block.dtype)
+        if block.dtype != array.dtype or len(block) > n_rows - first:
+            raise _wrong_rows(n_rows)
+        array[first : first + len(block)] = block
+        first += len(block)
+    if array is None or first != n_rows:
+        raise _wrong_rows(n_rows)
+    return array
+
+
+def _wrong_rows(n_rows: int) -> Damaged:
+    return Damaged(
+        f"a stored array does not have the {n_rows} rows it was stored with: restore the database "
+        "from a backup"
+    )
 
 
 @dataclass(frozen=True)
@@ -250,14 +305,10 @@ def peak_histograms(dataset: Dataset) -> tuple[PeakHistogram, ...]:
     return tuple(_histogram(dataset, envelope, c) for c in limited)
 
 
-def _peaks(y: Array, limits: Envelope) -> Array:
-    """(n,) highest margin of each rollout (n, n_samples, 1)."""
-    return np.fmax.reduce(limits.margin(y), axis=1, initial=0.0)
-
-
 def _histogram(dataset: Dataset, envelope: Envelope, c: int) -> PeakHistogram:
     own = Envelope(*(ends[[c]] for ends in envelope))
-    peaks = [_peaks(y[..., [c]], own) for y in (dataset.unsafe, dataset.safe)]
+    margins = [own.margin(y[..., [c]]) for y in (dataset.unsafe, dataset.safe)]
+    peaks = [np.fmax.reduce(margin, axis=1, initial=0.0) for margin in margins]
     bins = [np.minimum(p * BINS_TO_THE_LIMIT, MOST_BINS - 1).astype(int) for p in peaks]
     n_bins = max(BINS_TO_THE_LIMIT, *(int(b.max(initial=0)) + 1 for b in bins))
     counts = [tuple(np.bincount(b, minlength=n_bins).tolist()) for b in bins]

@@ -1,6 +1,6 @@
 """Stored flights, with their assessments in chunks of samples."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
@@ -385,29 +385,25 @@ class FlightRepository(Entries[FlightInfo]):
 
     def is_assessed(self, flight_id: str) -> bool:
         """Whether a stored sample has an assessment; damaged ones do not count."""
-        chunk = assessment_chunks.c
-        query = select(assessment_chunks).where(chunk.flight_id == flight_id)
-        with self._reading() as connection:
-            for row in connection.execute(query.order_by(chunk.first_seq)):
-                with suppress(Damaged):
-                    if (chunk_of(row).samples["state"] == code_of(State.OK)).any():
-                        return True
-        return False
+        assessed = code_of(State.OK)
+        return any((each["state"] == assessed).any() for each in self._undamaged(flight_id))
 
     def samples(self, flight_id: str) -> tuple[Array, Array]:
         """Times (n,) [s] and values (n, n_channels) of its samples, without damaged ones."""
+        parts = [(each["t"].copy(), each["y"].copy()) for each in self._undamaged(flight_id)]
+        if not parts:
+            return np.empty(0), np.empty((0, len(LATERAL)))
+        t, y = zip(*parts, strict=True)
+        return np.concatenate(t), np.concatenate(y)
+
+    def _undamaged(self, flight_id: str) -> Iterator[npt.NDArray]:
+        """The samples of each chunk in order, without damaged chunks."""
         chunk = assessment_chunks.c
         query = select(assessment_chunks).where(chunk.flight_id == flight_id)
-        t, y = [], []
         with self._reading() as connection:
             for row in connection.execute(query.order_by(chunk.first_seq)):
                 with suppress(Damaged):
-                    samples = chunk_of(row).samples
-                    t.append(samples["t"].copy())
-                    y.append(samples["y"].copy())
-        if not t:
-            return np.empty(0), np.empty((0, len(LATERAL)))
-        return np.concatenate(t), np.concatenate(y)
+                    yield chunk_of(row).samples
 
     def recover(self) -> None:
         """Mark running flights as interrupted: the process that flew them died."""

@@ -1,4 +1,7 @@
-"""Stored monitors: their portable files, with columns of their main properties."""
+"""Stored monitors: their portable files, with columns of their main properties.
+
+Also the aircraft that users upload for the scenes of a monitor's flights.
+"""
 
 import hashlib
 from collections import OrderedDict
@@ -8,13 +11,24 @@ from threading import Lock
 from typing import Annotated, Any
 
 from pydantic import Field
-from sqlalchemy import Connection, Engine, Row, Select, delete, select
+from sqlalchemy import Connection, Engine, Row, Select, delete, func, insert, select
 
 from app.recipes.recipes import SentRecipe, to_plain
 from app.store import monitor_upload
 from app.store.database import Damaged
-from app.store.repository import Entries, Entry, InUse, Time, Writer, fetch
+from app.store.repository import (
+    Entries,
+    Entry,
+    InUse,
+    Repository,
+    Time,
+    Writer,
+    columns,
+    fetch,
+    require,
+)
 from app.store.tables import (
+    airframes,
     datasets,
     display_monitors,
     flights,
@@ -151,8 +165,8 @@ class MonitorRepository(Entries[MonitorInfo]):
     ) -> MonitorInfo:
         if dataset_id is not None:
             self._check_dataset(monitor, dataset_id)
-        is_calibrated = monitor.support is not None
-        measured = _measured(monitor.evaluation, monitor.recipe.epsilon, is_calibrated)
+        support, evaluation = monitor.support, monitor.evaluation
+        measured = _measured(evaluation, monitor.recipe.epsilon, support is not None)
         info = MonitorInfo(
             id=new_id(),
             name=name,
@@ -163,11 +177,13 @@ class MonitorRepository(Entries[MonitorInfo]):
             epsilon=monitor.recipe.epsilon,
             specification=specification_to_plain(monitor.specification),
             dictionary=monitor.dictionary.stored,
-            support=_support(monitor),
+            support=support and SupportInfo(len(support.safe), len(support.unsafe), support.level),
             **measured,
             **{name: getattr(monitor, name) for name in OWN},
         )
-        row = vars(info) | {EVALUATION: _joined(monitor.evaluation, info.support)}
+        if info.support is not None:
+            evaluation = (evaluation or {}) | {SUPPORT: asdict(info.support)}
+        row = vars(info) | {EVALUATION: evaluation}
         for name in (SUPPORT, *measured):
             del row[name]
         self._add_in_parts(monitors, row, monitor_parts, _parts(info.id, content))
@@ -285,18 +301,6 @@ def _measured(
     }
 
 
-def _support(monitor: Monitor) -> SupportInfo | None:
-    support = monitor.support
-    return support and SupportInfo(len(support.safe), len(support.unsafe), support.level)
-
-
-def _joined(
-    evaluation: dict[str, Any] | None, support: SupportInfo | None
-) -> dict[str, Any] | None:
-    """Content of the column `evaluation`: evaluation and validity calibration."""
-    return evaluation if support is None else (evaluation or {}) | {SUPPORT: asdict(support)}
-
-
 def _users(connection: Connection, monitor_id: str) -> list[tuple[str, str]]:
     """Flights, scorings and monitor sets that use a monitor: what they are, and their ids."""
     displaying = select(display_monitors.c.flight_id).where(
@@ -332,3 +336,50 @@ def _parts(monitor_id: str, content: bytes) -> Iterator[dict[str, Any]]:
             "part": part,
             "content": content[first : first + PART_BYTES],
         }
+
+
+@dataclass(frozen=True)
+class AirframeInfo:
+    """An aircraft that was uploaded for the scenes of a monitor."""
+
+    created: Time
+    by: str
+    """person who uploaded it"""
+    digest: str
+    """SHA-256 of the file"""
+    size: int
+    """[bytes]"""
+
+
+class AirframeRepository(Repository):
+    """At most one for each monitor, deleted with it."""
+
+    def put(self, monitor_id: str, content: bytes, by: str) -> AirframeInfo:
+        """Store a file in place of any before. NotFound without such a monitor."""
+        info = AirframeInfo(now(), by, hashlib.sha256(content).hexdigest(), len(content))
+        row = {"created": info.created, "by": by, "digest": info.digest, "content": content}
+        with self._writing() as connection:
+            require(connection, monitors, monitor_id)
+            connection.execute(delete(airframes).where(airframes.c.monitor_id == monitor_id))
+            connection.execute(insert(airframes).values(monitor_id=monitor_id, **row))
+        return info
+
+    def info(self, monitor_id: str) -> AirframeInfo | None:
+        """NotFound without such a monitor."""
+        size = func.length(airframes.c.content).label("size")
+        query = select(*columns(airframes, AirframeInfo), size)
+        with self._reading() as connection:
+            require(connection, monitors, monitor_id)
+            row = connection.execute(query.where(airframes.c.monitor_id == monitor_id)).first()
+        return None if row is None else AirframeInfo(**row._mapping)
+
+    def file(self, monitor_id: str) -> bytes | None:
+        query = select(airframes.c.content).where(airframes.c.monitor_id == monitor_id)
+        with self._reading() as connection:
+            return connection.execute(query).scalar()
+
+    def remove(self, monitor_id: str) -> None:
+        """No effect where there is none. NotFound without such a monitor."""
+        with self._deleting() as connection:
+            require(connection, monitors, monitor_id)
+            connection.execute(delete(airframes).where(airframes.c.monitor_id == monitor_id))

@@ -12,7 +12,6 @@ from pathlib import Path
 
 from sqlalchemy import Engine, select
 
-from app.store.airframes import AirframeRepository
 from app.store.alarms import AlarmRepository, FlightMarkerRepository
 from app.store.answers import AnswerRepository
 from app.store.campaigns import CampaignRepository
@@ -30,7 +29,7 @@ from app.store.datasets import DatasetRepository
 from app.store.disk import LastStop, Reserve
 from app.store.flights import FlightRepository
 from app.store.jobs import JobRepository
-from app.store.monitors import MonitorRepository
+from app.store.monitors import AirframeRepository, MonitorRepository
 from app.store.ownership import Ownership, Taken, owned
 from app.store.people import AuditRepository, SessionRepository, TokenRepository
 from app.store.recordings import MappingRepository, MarkerRepository, RecordingRepository

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from sqlalchemy import event
 
-from app.store import arrays, repository, schema
+from app.store import datasets, repository, schema
 from app.store.store import open_store
 from tests.support import oscillator
 from tests.support.forked_processes import PROCESSES
@@ -58,7 +58,7 @@ class Writer:
 
 def write_in_turn(path: Path, reports: Connection, last_statement: int | None) -> None:
     """Write a little, one thing after another."""
-    arrays.BLOCK_BYTES, repository.TRANSACTION_BYTES = 10_000, 50_000
+    datasets.BLOCK_BYTES, repository.TRANSACTION_BYTES = 10_000, 50_000
     writer = Writer(path, reports, last_statement)
     writer.collect(2)
     for flight in writer.flights:
@@ -68,7 +68,7 @@ def write_in_turn(path: Path, reports: Connection, last_statement: int | None) -
 
 def write_at_once(path: Path, reports: Connection) -> None:
     """Write without end, from three threads."""
-    arrays.BLOCK_BYTES, repository.TRANSACTION_BYTES = 10_000, 50_000
+    datasets.BLOCK_BYTES, repository.TRANSACTION_BYTES = 10_000, 50_000
     writer = Writer(path, reports, None)
     with ThreadPoolExecutor(3) as pool:
         pool.submit(writer.collect, 10**6)

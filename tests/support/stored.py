@@ -11,7 +11,7 @@ from alembic import command
 from alembic.config import Config
 from sqlalchemy import func, select
 
-from app.store import arrays as stored_arrays
+from app.store import datasets as stored_datasets
 from app.store import monitors as stored_monitors
 from app.store import repository
 from app.store.assessments import StoredAssessments
@@ -124,7 +124,7 @@ def move(path: Path | str, revision: str, config: Config | None = None) -> None:
 
 def make_parts_small(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let small content take many parts and transactions, as large content does."""
-    monkeypatch.setattr(stored_arrays, "BLOCK_BYTES", 10_000)
+    monkeypatch.setattr(stored_datasets, "BLOCK_BYTES", 10_000)
     monkeypatch.setattr(repository, "TRANSACTION_BYTES", 20_000)
     monkeypatch.setattr(stored_monitors, "PART_BYTES", 1_000)
 

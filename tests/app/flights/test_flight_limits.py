@@ -19,7 +19,7 @@ from app.flights.shown_flight import ShownFlight
 from app.flights.sources.live import LiveFlight, LiveSetup
 from app.flights.transport import NotPossible
 from app.messages import LimitsFrom, encode_frame
-from app.routes.limit_sets import LimitsRequest
+from app.routes.condition_sets import LimitsRequest
 from app.store.store import Store, open_store
 from app.telemetry.contents import open_columns
 from app.telemetry.journal import Journals

@@ -10,9 +10,15 @@ import pytest
 from sqlalchemy import delete, update
 
 from app.store import datasets as stored_datasets
-from app.store.arrays import from_blob, from_blocks, to_blob, to_blocks
 from app.store.database import writing
-from app.store.datasets import DatasetInfo, peak_histograms
+from app.store.datasets import (
+    DatasetInfo,
+    from_blob,
+    from_blocks,
+    peak_histograms,
+    to_blob,
+    to_blocks,
+)
 from app.store.store import NotFound, Store, StoreError
 from app.store.tables import (
     dataset_blocks,

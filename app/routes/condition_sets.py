@@ -1,4 +1,4 @@
-"""Limit sets, their versions, and the version in force in a flight."""
+"""Limit sets with their versions, limits in force in a flight, and monitor sets."""
 
 import asyncio
 from typing import Annotated, Self
@@ -22,14 +22,15 @@ from app.routes.dependencies import (
     signature,
     strictly,
 )
-from app.store.condition_sets import LimitSetInfo, StoredLimits
+from app.store.condition_sets import LimitSetInfo, MonitorSetInfo, StoredLimits
 from app.store.people import LOCAL
 from core.conditions import ConditionKey, check_declared
 from core.flight_events import FlightLimits
 from core.limits.limit_sets import LimitSet, limit_set_from_plain
+from core.monitor.monitor_set import MonitorCase, MonitorSet
 
-router = APIRouter(prefix="/api/v1", tags=["limit sets"])
-MOST_CASES = 100
+router = APIRouter(prefix="/api/v1")
+MOST_CASES, MOST_MONITORS = 100, 50
 CASES: list[JsonValue] = [
     {"name": "below M 0.8", "ranges": {"mach": [None, 0.8]}, "limits": {"Ny": 0.5}},
     {"name": "from M 0.8 on", "ranges": {"mach": [0.8, None]}, "limits": {"Ny": 0.4}},
@@ -90,39 +91,39 @@ class LimitsRequest(BaseModel):
         return self
 
 
-@router.get("/limit-sets")
+@router.get("/limit-sets", tags=["limit sets"])
 def list_limit_sets(store: StoreDep) -> list[LimitSetInfo]:
     """All limit sets, newest first."""
     return store.limit_sets.all()
 
 
-@router.post("/limit-sets", status_code=201)
+@router.post("/limit-sets", tags=["limit sets"], status_code=201)
 def add_limit_set(new: NewLimitSet, store: StoreDep, person: PersonDep) -> StoredLimits:
     """Store a limit set with its first version."""
     about = new.limits, signature(person, new.by), new.text
     return store.limit_sets.add(new.name, *about)
 
 
-@router.get("/limit-sets/{set_id}")
+@router.get("/limit-sets/{set_id}", tags=["limit sets"])
 def read_limit_set(set_id: str, store: StoreDep) -> list[StoredLimits]:
     """All versions of a limit set, newest first."""
     return store.limit_sets.versions(set_id)
 
 
-@router.post("/limit-sets/{set_id}/versions", status_code=201)
+@router.post("/limit-sets/{set_id}/versions", tags=["limit sets"], status_code=201)
 def add_version(set_id: str, new: LimitsText, store: StoreDep, person: PersonDep) -> StoredLimits:
     """Store the next version of a limit set. Earlier versions do not change."""
     about = new.limits, signature(person, new.by), new.text
     return store.limit_sets.add_version(set_id, *about)
 
 
-@router.get("/limit-sets/{set_id}/versions/{version}")
+@router.get("/limit-sets/{set_id}/versions/{version}", tags=["limit sets"])
 def read_version(set_id: str, version: Version, store: StoreDep) -> StoredLimits:
     """One version of a limit set."""
     return store.limit_sets.version(set_id, version)
 
 
-@router.get("/flights/{flight_id}/limits")
+@router.get("/flights/{flight_id}/limits", tags=["limit sets"])
 async def list_flight_limits(
     flight_id: str, flights: FlightsDep
 ) -> list[FlightLimits] | list[LimitsFrom]:
@@ -146,7 +147,7 @@ async def list_flight_limits(
     return list((in_store | {change.number: change for change in in_flight}).values())
 
 
-@router.put("/flights/{flight_id}/limits", responses=problem_responses(409))
+@router.put("/flights/{flight_id}/limits", tags=["limit sets"], responses=problem_responses(409))
 async def put_in_force(
     flight_id: str, request: LimitsRequest, flights: FlightsDep, person: PersonDep
 ) -> LimitsStatus:
@@ -161,3 +162,68 @@ async def put_in_force(
     limits = flights.flying(flight_id).in_force.status
     assert limits is not None
     return limits
+
+
+MONITOR_CASES: list[JsonValue] = [
+    {"name": "below M 0.8", "ranges": {"mach": [None, 0.8]}, "monitor": "0123456789ab"},
+    {"name": "from M 0.8 on", "ranges": {"mach": [0.8, None]}, "monitor": "ba9876543210"},
+]
+
+
+class ConditionMonitor(ConditionRanges):
+    """A flight condition and the monitor that is used there, at its own epsilon."""
+
+    monitor: str = Field(description="id")
+
+
+class NewMonitorSet(BaseModel):
+    """A monitor set. Its conditions may overlap at their ends.
+
+    Its monitors have the same channels, sample interval and lead time.
+    """
+
+    model_config = strictly({"name": "rudder doublet", "cases": MONITOR_CASES})
+
+    name: str = Field(min_length=1, max_length=200)
+    cases: list[ConditionMonitor] = Field(min_length=1, max_length=MOST_MONITORS)
+    text: str | None = Field(default=None, min_length=1, max_length=2000, description="reason")
+    by: By = LOCAL
+
+
+@router.get("/monitor-sets", tags=["monitor sets"])
+def list_monitor_sets(store: StoreDep) -> list[MonitorSetInfo]:
+    """All monitor sets, newest first."""
+    return store.monitor_sets.all()
+
+
+@router.post("/monitor-sets", tags=["monitor sets"], status_code=201)
+def add_monitor_set(new: NewMonitorSet, store: StoreDep, person: PersonDep) -> MonitorSetInfo:
+    """Store a monitor set, which never changes."""
+    monitors = [store.monitors.info(case.monitor) for case in new.cases]
+    with refused(422, "monitor-set", ValueError):
+        cases = tuple(
+            MonitorCase(
+                case.name, {key: (low, high) for key, (low, high) in case.ranges.items()}, m
+            )
+            for case, m in zip(new.cases, monitors, strict=True)
+        )
+        monitor_set = MonitorSet(cases)
+        monitor_set.check()
+        return store.monitor_sets.add(new.name, monitor_set, signature(person, new.by), new.text)
+
+
+@router.get("/monitor-sets/{set_id}", tags=["monitor sets"])
+def read_monitor_set(set_id: str, store: StoreDep) -> MonitorSetInfo:
+    """One monitor set."""
+    return store.monitor_sets.info(set_id)
+
+
+@router.delete(
+    "/monitor-sets/{set_id}",
+    tags=["monitor sets"],
+    status_code=204,
+    responses=problem_responses(409),
+)
+def delete_monitor_set(set_id: str, store: StoreDep) -> None:
+    """Delete a monitor set; 409 if a flight uses it. Its monitors stay."""
+    store.monitor_sets.delete(set_id)
