@@ -33,10 +33,8 @@ def clopper_pearson(
     return np.stack([np.where(none, 0, lower), np.where(all_, 1, upper)], axis=-1)
 
 
-def clustered_interval(
-    successes: npt.NDArray, trials: npt.NDArray, confidence: float = 0.95
-) -> Array:
-    """Interval of a share over clusters with scattering shares, such as one monitor's flights.
+def clustered_interval(successes: npt.NDArray, trials: npt.NDArray) -> Array:
+    """95 % interval of a share over clusters with scattering shares, such as a monitor's flights.
 
     Clopper-Pearson at the effective sample size (Korn and Graubard, Survey Methodology 24, 1998):
     the number of independent trials with the same scatter as between the clusters.
@@ -47,17 +45,17 @@ def clustered_interval(
 
     trials, n_clusters = np.broadcast_to(trials, successes.shape), len(successes)
     if n_clusters == 1:
-        return clopper_pearson(successes[0], trials[0], confidence)
+        return clopper_pearson(successes[0], trials[0])
     total = np.asarray(trials.sum(axis=0), float)
     share = successes.sum(axis=0) / np.maximum(total, 1)
     residual = (successes - share * trials) / np.maximum(total, 1)
     variance = (residual**2).sum(axis=0) * n_clusters / (n_clusters - 1)
     independent = np.divide(share * (1 - share), variance, out=total.copy(), where=variance > 0)
-    tail = (1 - confidence) / 2
+    tail = 0.025
     flights, clusters = np.maximum(total - 1, 1), n_clusters - 1
     few = (stdtrit(flights, tail) / stdtrit(clusters, tail)) ** 2
     effective = np.minimum(independent * few, total)
-    return clopper_pearson(share * effective, effective, confidence)
+    return clopper_pearson(share * effective, effective)
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,19 +248,19 @@ def count_silent(
 
 
 def evaluate_groups(
-    monitor: Monitor, y: Array, fail_index: Indices, epsilon: float | None = None
+    monitor: Monitor, y: Array, fail_index: Indices
 ) -> dict[str, dict[str, Evaluation]]:
-    """Count at one epsilon over the failing flights of each group, by grouping and group name.
+    """Count at the monitor's epsilon over the failing flights of each group, by grouping and name.
 
     The guarantee for all failing flights does not hold for each group.
 
-    y, fail_index: as in `evaluate`.   epsilon: default: the monitor's own.
+    y, fail_index: as in `evaluate`.
     Groupings with fewer than two groups of these flights are left out. For a monitor calibrated by
     groups, its own groups are used. They are defined for the lateral channels only.
     """
     if monitor.dictionary != LATERAL:
         return {}
-    at, fails = np.array([monitor.check_epsilon(epsilon)]), fail_index < y.shape[1]
+    at, fails = np.array([monitor.check_epsilon()]), fail_index < y.shape[1]
     y, fail_index = y[fails], fail_index[fails]
     own_groups, evaluations = monitor.groups, {}
     for rule, grouping in GROUPINGS.items():

@@ -10,10 +10,10 @@ import numpy as np
 from core.evaluation.rates import Evaluation, evaluate
 from core.monitor.monitor import Monitor
 from core.planned_test.collection import SimulatedTest, replanned
-from core.planned_test.maneuver_simulator import USUAL_TIMING_JITTER_S
 from core.planned_test.near import FLIGHTS_EACH, fly_each, near_aircraft, retuned, softer
 from core.planned_test.nonlinear_test import NonlinearTest
 from core.planned_test.planned_test import (
+    USUAL_TIMING_JITTER_S,
     DatasetRecipe,
     LateralSimulator,
     SensorNoise,
@@ -153,17 +153,15 @@ DIFFERENCES = {
 }
 
 
-def robustness(
-    monitor: Monitor, test: SimulatedTest, n: int, epsilon: float | None = None
-) -> dict[str, Evaluation]:
-    """Fly n flights of each difference through the monitor, and count at one epsilon.
+def robustness(monitor: Monitor, test: SimulatedTest, n: int) -> dict[str, Evaluation]:
+    """Fly n flights of each difference through the monitor, and count at its epsilon.
 
-    Of softer inputs fewer are flown; aircraft near the planned one have their own number. What the
-    simulator cannot fly is left out, and other types if none can fly the test.
+    Softer inputs get fewer flights; aircraft near the planned one have their own number. Flights
+    that the simulator cannot fly are left out, and other types if none can fly the test.
 
-    test: the monitor's planned test.   epsilon: default: the monitor's own.
+    test: the monitor's planned test.
     """
-    at, evaluations = np.array([monitor.check_epsilon(epsilon)]), {}
+    at, evaluations = np.array([monitor.check_epsilon()]), {}
     for name, difference in DIFFERENCES.items():
         rng = stream(test.seed, Branch.ROBUSTNESS, difference.number)
         if flown := _flown(test, difference, n, rng):

@@ -6,7 +6,7 @@ from concurrent.futures import Executor
 from dataclasses import replace
 from itertools import count, starmap
 from math import ceil
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from core.types import Flags, Indices
 
 Progress = Callable[[int, int], object]
 SimulatedTest = ManeuverTest | OwnTest
+Made = TypeVar("Made")
 
 FIRST_CHUNK, CHUNKS_AHEAD = 256, 4
 """Rollouts of the first chunk, and chunks that an executor computes ahead."""
@@ -74,7 +75,7 @@ def collect(
     parts: list[Rollouts] = []
     n_made = n_safe_stored = 0
     numbered = ((recipe, simulator, number, recipe.max_safe - n_safe_stored) for number in count())
-    for chunk in _chunks(numbered, executor):
+    for chunk in _results(_chunk, numbered, executor):
         chunk = chunk.first(recipe.max_rollouts - n_made)
         chunk = chunk.first(failures.add(chunk.is_unsafe, chunk.stored))
         n_made += len(chunk.is_unsafe)
@@ -225,11 +226,18 @@ def _batches(
         yield from (simulator.rollouts(n, rng) for n in sizes)
         return
     numbered = ((simulator, n, (recipe.seed, branch, number)) for number, n in enumerate(sizes))
+    yield from _results(_batch, numbered, executor)
+
+
+def _results(
+    task: Callable[..., Made], arguments: Iterable[tuple[Any, ...]], executor: Executor | None
+) -> Iterator[Made]:
+    """Results of a task in the order of its arguments; an executor computes a few of them ahead."""
     if executor is None:
-        yield from starmap(_batch, numbered)
+        yield from starmap(task, arguments)
         return
     with Tasks(executor) as tasks:
-        yield from tasks.results(_batch, numbered, CHUNKS_AHEAD)
+        yield from tasks.results(task, arguments, CHUNKS_AHEAD)
 
 
 def _batch(simulator: Simulator, n: int, seeded: tuple[Any, ...]) -> Rollouts:
@@ -250,15 +258,6 @@ class _Chunk(NamedTuple):
         is_stored = self.is_stored[:n]
         n_stored = np.count_nonzero(is_stored)
         return _Chunk(self.is_unsafe[:n], is_stored, self.stored.some(slice(n_stored)))
-
-
-def _chunks(numbered: Iterable[tuple[Any, ...]], executor: Executor | None) -> Iterator[_Chunk]:
-    """Chunks in order; an executor computes a few of them ahead. numbered: see `_chunk`."""
-    if executor is None:
-        yield from starmap(_chunk, numbered)
-        return
-    with Tasks(executor) as tasks:
-        yield from tasks.results(_chunk, numbered, CHUNKS_AHEAD)
 
 
 def _chunk(recipe: SimulatedTest, simulator: Simulator, number: int, most_safe: int) -> _Chunk:
@@ -352,7 +351,8 @@ def _check_budget(recipe: SimulatedTest, n_unsafe: int, n_made: int) -> None:
         return
     enough = f" to about {ceil(recipe.n_unsafe * n_made / n_unsafe)}" if n_unsafe else ""
     remedy = recipe.for_more
-    if n_unsafe or not _by_margins(recipe):
+    planned = replanned(recipe)
+    if n_unsafe or planned is None or not planned.margins.label:
         remedy += f" or raise max_rollouts{enough}"
     try:
         remedy += f". {_working_amplitude(recipe)}"
@@ -366,15 +366,10 @@ def _check_budget(recipe: SimulatedTest, n_unsafe: int, n_made: int) -> None:
 
 
 def _highest_share(k: int, n: int) -> float:
-    """Upper confidence bound on a share with k of n found; it is wrong with CERTAINTY."""
+    """Upper confidence bound on a share of which k in n are known; wrong with CERTAINTY."""
     from scipy.special import betaincinv  # slow to import, and only needed here
 
     return float(betaincinv(k + 1, n - k or 1, 1 - CERTAINTY))
-
-
-def _by_margins(test: SimulatedTest) -> bool:
-    recipe = replanned(test)
-    return recipe is not None and bool(recipe.margins.label)
 
 
 def _working_amplitude(test: SimulatedTest) -> str:

@@ -3,8 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from copy import deepcopy
-from dataclasses import replace
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -13,18 +12,15 @@ from core.computed import complete
 from core.kernels.compiled import in_chunks
 from core.kernels.pilot import NOBODY, Pilots
 from core.limits.limits import Envelope
-from core.simulation.imperfections import Imperfections, channel_array, from_trim, seed_of
-from core.simulation.maneuver import Maneuver
-from core.simulation.pilot import Crew, Pilot
+from core.simulation.imperfections import channel_array, from_trim, seed_of
+from core.simulation.pilot import Crew
 from core.simulation.simulator import Parameters, Rollouts, Stopped
-from core.simulation.stability_margins import LeastMargins, Margins
+from core.simulation.stability_margins import Margins
 from core.simulation.turbulence import LateralGust, sideslip_gusts
 from core.types import Array, Indices
 
-MOST_SAMPLES = 20_000
-"""Largest number of steps of a rollout, so that a chunk fits in memory."""
-USUAL_TIMING_JITTER_S, USUAL_AMPLITUDE_JITTER = 0.1, 0.15
-"""Scatter of a pilot who flies a doublet by hand."""
+if TYPE_CHECKING:
+    from core.planned_test.planned_test import ManeuverTest
 
 Look = Callable[[slice, Array, Array], object]
 """Called with a block of flights, their true outputs (n, n_samples, n_measured), from trim where
@@ -33,75 +29,6 @@ Planned = Callable[[slice], Array]
 """Commands (1 or n, n_samples, n_surfaces) [rad] of a block of flights, before imperfections."""
 BLOCK = 256
 """Flights whose commands and true outputs the processor's cache holds until they are recorded."""
-
-
-class Noise(Protocol):
-    """Sensor noise, 1 sigma of each channel."""
-
-    def add_to(self, y: Array, rng: np.random.Generator) -> None: ...
-
-
-class PlannedManeuver(Protocol):
-    """What of a recipe says how a manoeuvre is flown and recorded."""
-
-    @property
-    def maneuver(self) -> Maneuver: ...
-
-    @property
-    def pilot(self) -> Pilot: ...
-
-    @property
-    def margins(self) -> LeastMargins: ...
-
-    @property
-    def imperfections(self) -> Imperfections: ...
-
-    @property
-    def noise(self) -> Noise: ...
-
-    @property
-    def dt(self) -> float: ...
-
-    @property
-    def substeps(self) -> int: ...
-
-    @property
-    def n_obs(self) -> int: ...
-
-
-def by_hand(maneuver: Maneuver) -> Maneuver:
-    """The manoeuvre with the usual scatter of a pilot."""
-    jitter = {
-        "timing_jitter_s": USUAL_TIMING_JITTER_S,
-        "amplitude_jitter": USUAL_AMPLITUDE_JITTER,
-    }
-    return replace(maneuver, **jitter)
-
-
-def n_steps(test: PlannedManeuver) -> int:
-    """Computed steps of a rollout, including its run-up."""
-    run_up = test.imperfections.run_up(test.dt)
-    return (run_up + test.maneuver.n_samples(test.dt)) * test.substeps
-
-
-def check_steps(test: PlannedManeuver) -> None:
-    """ValueError for more steps than fit in memory."""
-    n_samples = test.maneuver.n_samples(test.dt)
-    if n_samples * test.substeps > MOST_SAMPLES:
-        raise ValueError(
-            f"a rollout has {n_samples} samples in {test.substeps} substeps: at most "
-            f"{MOST_SAMPLES} steps fit, choose a larger dt or a shorter manoeuvre"
-        )
-
-
-def check_observations(test: PlannedManeuver) -> None:
-    """ValueError for more observation times than samples, or for a single sample."""
-    n_samples = test.maneuver.n_samples(test.dt)
-    if not 2 <= n_samples >= test.n_obs:
-        raise ValueError(
-            f"n_obs={test.n_obs} was given: a rollout has {n_samples} samples, choose fewer "
-            "observation times or a smaller dt"
-        )
 
 
 class Drawn(NamedTuple):
@@ -135,7 +62,7 @@ class ManeuverSimulator(ABC):
 
     @property
     @abstractmethod
-    def test(self) -> PlannedManeuver: ...
+    def test(self) -> "ManeuverTest": ...
 
     @property
     @abstractmethod

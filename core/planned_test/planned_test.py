@@ -12,14 +12,7 @@ from core.bounds import Bounds, check_bounds
 from core.channels import KEYS, LATERAL, Dictionary
 from core.limits.limits import Envelope, Limits, Specification
 from core.monitor.group import GROUPINGS, Grouping
-from core.planned_test.maneuver_simulator import (
-    Drawn,
-    ManeuverSimulator,
-    by_hand,
-    check_observations,
-    check_steps,
-    n_steps,
-)
+from core.planned_test.maneuver_simulator import Drawn, ManeuverSimulator
 from core.recipe import later, to_plain
 from core.seeds import Branch, stream
 from core.simulation.aircraft import AIRCRAFT, Aircraft
@@ -58,8 +51,10 @@ USUAL = DEFAULT_AIRCRAFT.condition.usual_test
 LARGEST_CHUNK = 4096
 MARGIN_AIRCRAFT = 100
 """Aircraft whose stability margins an error names."""
-CHUNK_STEPS = 2_000_000
-"""Steps of all rollouts of a chunk: about 100 MB."""
+CHUNK_STEPS, MOST_SAMPLES = 2_000_000, 20_000
+"""Steps of all rollouts of a chunk, about 100 MB; largest number of steps of one rollout."""
+USUAL_TIMING_JITTER_S, USUAL_AMPLITUDE_JITTER = 0.1, 0.15
+"""Scatter of a pilot who flies a doublet by hand."""
 
 
 @dataclass(frozen=True)
@@ -150,8 +145,17 @@ class ManeuverTest(ABC):
                 "the pilot who gives up and stability margins would both label the rollouts: omit "
                 "one"
             )
-        check_steps(self)
-        check_observations(self)
+        n_samples = self.maneuver.n_samples(self.dt)
+        if n_samples * self.substeps > MOST_SAMPLES:
+            raise ValueError(
+                f"a rollout has {n_samples} samples in {self.substeps} substeps: at most "
+                f"{MOST_SAMPLES} steps fit, choose a larger dt or a shorter manoeuvre"
+            )
+        if not 2 <= n_samples >= self.n_obs:
+            raise ValueError(
+                f"n_obs={self.n_obs} was given: a rollout has {n_samples} samples, choose fewer "
+                "observation times or a smaller dt"
+            )
 
     @property
     def judged_by(self) -> Specification:
@@ -201,13 +205,19 @@ class ManeuverTest(ABC):
 
     @property
     def n_steps(self) -> int:
-        return n_steps(self)
+        """Computed steps of a rollout, including its run-up."""
+        run_up = self.imperfections.run_up(self.dt)
+        return (run_up + self.maneuver.n_samples(self.dt)) * self.substeps
 
     def as_flown(self) -> Self:
         """The same test with the usual noise, jitter and imperfections of real flights."""
         return replace(
             self,
-            maneuver=by_hand(self.maneuver),
+            maneuver=replace(
+                self.maneuver,
+                timing_jitter_s=USUAL_TIMING_JITTER_S,
+                amplitude_jitter=USUAL_AMPLITUDE_JITTER,
+            ),
             noise=self.usual_noise,
             imperfections=USUAL_IMPERFECTIONS,
         )
