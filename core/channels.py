@@ -44,6 +44,11 @@ class Channel:
     group: str = ""
     formula: str = ""
 
+    @property
+    def named(self) -> str:
+        """`normal acceleration (Nz)`: for messages."""
+        return f"{self.label} ({self.key})" if self.label != self.key else self.key
+
     def read(self, value: float, digits: int = 3) -> str:
         """`4.98 deg`: a value in its display unit, to this many significant digits."""
         return f"{significant(value * self.display_factor, digits)} {self.display_unit}".rstrip()

@@ -211,8 +211,8 @@ def dictionary_of(keys: Sequence[str]) -> Dictionary:
     for key in keys:
         if key not in known:
             raise RolloutsError(
-                f"channel {key!r} is unknown: {instead_of(key, known)}, or give a Dictionary with "
-                "its unit"
+                f"channel {key!r} is unknown without a Dictionary that gives its unit: "
+                f"{instead_of(key, known)}"
             )
     try:
         return Dictionary("own", tuple(known[key] for key in keys))

@@ -215,7 +215,7 @@ class IntervalLimits:
             if not given[0] < rest[key] < given[1]:
                 known = dictionary.by_key[key]
                 raise ValueError(
-                    f"{key} is {known.read(rest[key])} in trimmed flight, which its limit "
+                    f"{known.named} is {known.read(rest[key])} in trimmed flight, which its limit "
                     f"excludes, {ends_in_words(known, *given)}: give another limit, or another "
                     "trim"
                 )

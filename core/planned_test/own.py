@@ -57,10 +57,13 @@ class OwnSimulator:
             lacks = [part for part in ("parameters", "dt", "rollouts") if not hasattr(own, part)]
             channels = getattr(own, "dictionary", None) or getattr(own, "channels", None)
         if lacks or channels is None or isinstance(own, type):
+            what = f"of type {type(own).__name__} without {', '.join(lacks) or 'channels'}"
             remedy = "give an object with dictionary, parameters, dt and rollouts(n, rng)"
-            if callable(own) and not isinstance(own, type):
+            if isinstance(own, type):
+                what = "a class"
+            elif callable(own):
                 remedy = "declare it by @simulator(channels=, dt=, parameters=, inputs=)"
-            raise OwnCodeError(f"{name} is a {type(own).__name__}, not a simulator: {remedy}")
+            raise OwnCodeError(f"{name} is {what}, not a simulator: {remedy}")
         if not isinstance(channels, Dictionary):
             channels = dictionary_of(channels)
         noise = getattr(own, "noise", {})
@@ -192,12 +195,12 @@ class OwnSimulator:
         with running(self.name, make):
             given = make(*arguments)
         if not isinstance(given, tuple | list) or len(given) != 3:
-            what = f"a {type(given).__name__}"
+            what = f"type {type(given).__name__}"
             if isinstance(given, tuple | list):
-                what += f" of {len(given)}"
+                what = f"{len(given)} values"
             raise OwnCodeError(
-                f"{self.name} returned {what}: return y, fail_index (None where limits tell) and "
-                "theta"
+                f"{self.name} returned {what}: return three values, y, fail_index (None where "
+                "limits tell) and theta"
             )
         measured, n_parameters = self.dictionary.measured, len(self.parameters.names)
         need_y = f"{len(measured)} channels {', '.join(measured)})"

@@ -6,14 +6,16 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
 import numpy.typing as npt
 
+from core.bounds import quoted
 from core.channels import Dictionary
+from core.recipe import instead_of
 from core.simulation.simulator import Distribution, Parameters
 from core.types import Array, Indices, real_numbers
 
@@ -92,7 +94,7 @@ def _short(given: Any) -> str:
         return "an array of objects"
     if np.ndim(given):
         return f"of shape {np.shape(given)}"
-    return f"{given!r}"[:60] + ("" if given is None else f", a {type(given).__name__}")
+    return f"{given!r}"[:60] + ("" if given is None else f" of type {type(given).__name__}")
 
 
 def _is_ours(file: str) -> bool:
@@ -244,7 +246,7 @@ class FunctionSimulator(FlightByFlight):
         keys = self.measured
         for k, (values, each) in enumerate(zip(theta.tolist(), inputs, strict=True)):
             t = np.arange(len(each), dtype=np.float64) * self.dt
-            given = dict(zip(names, values, strict=True))
+            given = _Theta(zip(names, values, strict=True))
             where = f"{self.name}, {rollout_in_words(k, len(theta), given)}"
             with running(f"{where},", self.function):
                 outputs = self.function(given, each, t)
@@ -259,6 +261,13 @@ class FunctionSimulator(FlightByFlight):
         return np.array(flights) if flights else np.empty((0, 0, 0)), {}
 
 
+class _Theta(dict[str, float]):
+    """Parameters by name."""
+
+    def __missing__(self, name: str) -> float:
+        raise KeyError(f"no parameter {name}: {instead_of(name, self)}")
+
+
 def rollout_in_words(k: int, n: int, theta: Mapping[str, float]) -> str:
     """`rollout 7 of 100 (gain=1.2)`.   k: its number from 0."""
     values = ", ".join(f"{name}={value:.4g}" for name, value in theta.items())
@@ -268,7 +277,17 @@ def rollout_in_words(k: int, n: int, theta: Mapping[str, float]) -> str:
 def simulator(
     **declared: Any,
 ) -> Callable[[Callable[[dict[str, float], Array, Array], npt.ArrayLike]], FunctionSimulator]:
-    """Declare a plain function as a simulator.   declared: fields of `FlightByFlight`."""
+    """Declare a plain function as a simulator.   declared: fields of `FlightByFlight`.
+
+    TypeError for an unknown field, or without one that is needed.
+    """
+    known = {each.name: each for each in fields(FlightByFlight) if each.init}
+    for name in declared:
+        if name not in known:
+            raise TypeError(f"simulator has no {name!r}: {instead_of(name, known)}")
+    for name, each in known.items():
+        if name not in declared and each.default is each.default_factory is MISSING:
+            raise TypeError(f"simulator has no {name}: give {name}=")
     return lambda function: FunctionSimulator(function, **declared)
 
 
@@ -278,14 +297,17 @@ def parameters_of(own: Any) -> Parameters:
     distribution: Any = getattr(own, "distribution", "normal")
     if isinstance(given, Parameters):
         return given
-    try:
-        pairs = np.array([given[name] for name in given], np.float64).reshape(len(given), 2)
-    except (TypeError, ValueError, KeyError, IndexError):
-        pairs = np.full((1, 2), np.nan)
-    if not (np.isfinite(pairs).all() and (pairs[:, 1] >= 0).all()):
-        raise OwnCodeError(
-            f"parameters is {given!r}: give {{name: (nominal value, spread of 0 or more)}}"
-        )
+    needed = "nominal value, spread of 0 or more"
+    if not isinstance(given, Mapping):
+        raise OwnCodeError(f"parameters is {quoted(given)}: give {{name: ({needed})}}")
+    pairs = np.empty((len(given), 2))
+    for k, (name, pair) in enumerate(given.items()):
+        try:
+            pairs[k] = pair
+        except (TypeError, ValueError):
+            pairs[k] = np.nan
+        if np.shape(pair) != (2,) or not np.isfinite(pairs[k]).all() or pairs[k, 1] < 0:
+            raise OwnCodeError(f"parameter {name!r} is {quoted(pair)}: give ({needed})")
     if distribution not in get_args(Distribution):
         raise OwnCodeError(f"distribution is {distribution!r}: give normal or uniform")
     return Parameters(tuple(map(str, given)), pairs[:, 0].copy(), pairs[:, 1].copy(), distribution)

@@ -151,6 +151,10 @@ nan = declared(unknown)
 short = declared(lambda theta, inputs, t: fly(theta, inputs, t)[1:])
 narrow = declared(lambda theta, inputs, t: np.array(fly(theta, inputs, t))[:, 1:])
 tame = replace(pitch, parameters={"stiffness": (9.0, 0.1), "gain": (0.5, 0.01)})
+misspelt = declared(lambda theta, inputs, t: fly(theta | {"gain": theta["gian"]}, inputs, t))
+negative = replace(pitch, parameters={"stiffness": (6.0, 1.1), "gain": (1.0, -0.2)})
+slow = replace(pitch, dt=50)
+thing = type("Thing", (), {"channels": ["Nz"]})()
 same = replace(pitch, parameters={"stiffness": (6.0, 0.0), "gain": (1.0, 0.0)},
                inputs=doublet(np.random.default_rng(0)))
 """
@@ -168,7 +172,13 @@ same = replace(pitch, parameters={"stiffness": (6.0, 0.0), "gain": (1.0, 0.0)},
         ("my_broken:tame", "g with limits -1.1 and 2.9: check the units"),
         ("my_broken:same", "99 flights of 100 that repeat another one"),
         ("my_broken:fly", "declare it by @simulator"),
-        ("my_broken:Pitch", "is a type, not a simulator"),
+        ("my_broken:Pitch", "is a class, not a simulator"),
+        ("my_broken:thing", "of type Thing without parameters, dt, rollouts, not a simulator"),
+        ("my_broken:misspelt", "no parameter gian: did you mean gain?"),
+        ("my_broken:negative", "'gain' is (1.0, -0.2): give (nominal value, spread of 0 or more)"),
+        ("my_broken:slow", "has dt=50 s, longer than the warning lead time of 0.25 s: give its"),
+        ("my_unknown:pitch", "no 'channel': did you mean channels?"),
+        ("my_broken.py:nan", "sim:fly for fly in sim.py"),
         ("my_broken:narow", "did you mean narrow?"),
         ("my_broken", "write it as package.module:name"),
         ("no_such_module:pitch", "there is no module no_such_module"),
@@ -182,6 +192,9 @@ def test_what_cannot_be_used_is_refused_in_one_sentence(
     (folder / "my_broken.py").write_text(BROKEN)
     (folder / "my_syntax.py").write_text("def fly():\n    return (\n")
     (folder / "my_import.py").write_text("import no_such_library\n")
+    (folder / "my_unknown.py").write_text(
+        "from core.simulation.python_simulator import simulator\npitch = simulator(channel=[])"
+    )
     assert told in refusal(capsys, "--simulator", name, "--max-rollouts", "3000")
 
 

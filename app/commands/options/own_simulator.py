@@ -44,8 +44,11 @@ def load(name: str, point: Path | None = None) -> OwnSimulator:
 def _imported(name: str) -> Any:
     """What a module holds, also one in the current folder."""
     module_name, _, attribute = name.partition(":")
-    if not (module_name and attribute):
-        raise RecipeError(f"--simulator {name!r}: write it as package.module:name")
+    if not (module_name and attribute) or module_name.endswith(".py"):
+        raise RecipeError(
+            f"--simulator {name!r}: write it as package.module:name, such as sim:fly for fly in "
+            "sim.py"
+        )
     if (here := str(Path.cwd())) not in sys.path:
         sys.path.insert(0, here)
     try:
@@ -80,6 +83,11 @@ def own_test(options: argparse.Namespace, t_early: float) -> OwnTest:
     asked = {name: getattr(options, path, None) for name, path in sizes.items()}
     asked = {name: value for name, value in asked.items() if value is not None}
     simulator = load(options.simulator, options.point)
+    if simulator.dt > t_early:
+        raise RecipeError(
+            f"{simulator.name} has dt={simulator.dt:g} s, longer than the warning lead time of "
+            f"{t_early:g} s: give its sample interval in seconds, or a longer --t-early"
+        )
     test = OwnTest(simulator, **asked)
     y = simulator.outputs(PILOT_FLIGHTS, test.seed)
     check_lead(t_early, (y.shape[1] - 1) * simulator.dt)
