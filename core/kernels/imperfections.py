@@ -338,44 +338,36 @@ class Instruments(NamedTuple):
 
 
 @jit
-def subtract_trim(y, start, every, rest, from_trim, first, last):
-    """Subtract from channels of rollouts first..last-1 their mean over the samples at rest.
+def means_at_rest(y, start, every, rest, which):
+    """Mean of channels over the samples at rest, (n, n_channels); 0 for channels not in `which`.
 
-    from_trim: (n_channels,) which.
     y: (n, n_steps, n_channels); one sample every `every` steps from `start`.   rest: (n,) samples.
+    which: (n_channels,).
     """
-    n_channels = y.shape[2]
-    trim, line = np.empty(n_channels * WIDTH), n_channels * WIDTH
-    for i in range(first, last):
-        trim[:] = 0.0
+    means = np.zeros((y.shape[0], y.shape[2]))
+    for i in range(y.shape[0]):
         for k in range(rest[i]):
-            for c in range(n_channels):
-                trim[c] += y[i, start + k * every, c]
-        for c in range(n_channels):
-            mean = trim[c] / rest[i] if from_trim[c] else 0.0
-            trim[c::n_channels] = mean
-        row = y[i].reshape(-1)
-        whole = len(row) - len(row) % line
-        for at in range(0, whole, line):
-            for c in range(line):
-                row[at + c] -= trim[c]
-        for at in range(whole, len(row)):
-            row[at] -= trim[at - whole]
+            for c in range(y.shape[2]):
+                means[i, c] += y[i, start + k * every, c]
+        for c in range(y.shape[2]):
+            means[i, c] = means[i, c] / rest[i] if which[c] else 0.0
+    return means
 
 
 def record_work(n_steps: int, n_samples: int, n_channels: int) -> int:
     """Workspace of `record` [numbers]."""
-    return (n_steps * n_channels + even(n_samples * n_channels) + 4 * n_channels + 3) * WIDTH
+    return (n_steps * n_channels + even(n_samples * n_channels) + 5 * n_channels + 3) * WIDTH
 
 
 @jit
 def record(
-    seed, number, y, start, every, rest, instruments, quantiles, work, iwork, out, first, last
+    seed, number, y, trim, start, every, rest, instruments, quantiles, work, iwork, out, first, last
 ):
     """Record rollouts first..last-1 of true outputs `y` into `out`, each with its own errors.
 
-    y, start, every, rest: as in `subtract_trim`.   out: (n, n_samples, n_channels), from trim or
-    absolute.   number: of the first of all rows among the rollouts of the seed.
+    y, start, every, rest: as in `means_at_rest`.   trim: (n, n_channels), what it returns.
+    out: (n, n_samples, n_channels), from trim or absolute.
+    number: of the first of all rows among the rollouts of the seed.
     """
     n_steps, (n_samples, n_channels) = y.shape[1], out.shape[1:]
     count, line = n_samples * n_channels, n_channels * WIDTH
@@ -387,7 +379,8 @@ def record(
     seen = true + 8 * n_true * WIDTH
     errors = seen + 8 * (count + count % 2) * WIDTH
     parts, between, late = errors + 16 * line, errors + 24 * line, errors + 32 * line
-    at_rest, whole = late + 16 * WIDTH, np.empty((n_channels, WIDTH), np.int64)
+    at_rest, trims = late + 16 * WIDTH, late + 24 * WIDTH
+    whole = np.empty((n_channels, WIDTH), np.int64)
     zero, half = splat(0.0), splat(0.5)
     for base in range(first, last, WIDTH):
         _set_lanes(seed, number, base, last, numbers, streams)
@@ -406,13 +399,15 @@ def record(
                 write(parts, c * WIDTH + lane, lag - int(lag))
                 write(between, c * WIDTH + lane, uniform(lags, n_channels + c))
             write(at_rest, lane, float(rest[read_integer(numbers, lane)]))
+        load_rows(address(trim), numbers, n_channels, 0, n_channels, trims)
         is_late, n_rest = whole.any(), load(at_rest, 0)
         for c in range(n_channels):
             lane_c = c * WIDTH
             error = multiply(splat(instruments.gain[c]), load(errors, lane_c))
             gain, part, apart = add(splat(1.0), error), load(parts, lane_c), load(between, lane_c)
             noise, step = splat(instruments.noise[c]), splat(instruments.step[c])
-            origin, trim = load(true, (start - earliest) * line + lane_c), zero
+            from_zero, mean = load(trims, lane_c), zero
+            origin = subtract(load(true, (start - earliest) * line + lane_c), from_zero)
             from_trim, is_rounded = instruments.from_trim[c], instruments.step[c] > 0.0
             for k in range(n_samples):
                 row = start + k * every - earliest
@@ -426,6 +421,7 @@ def record(
                     now, earlier = load(late, 0), load(late, WIDTH)
                 else:
                     now, earlier = load(true, at), load(true, at - line if row > 0 else at)
+                now, earlier = subtract(now, from_zero), subtract(earlier, from_zero)
                 value = add(now, multiply(part, subtract(earlier, now)))
                 if from_trim:
                     value = multiply(value, gain)
@@ -438,9 +434,9 @@ def record(
                     value = multiply(step, add(subtract(steps, apart), half))
                 store(seen, place, value)
                 if from_trim and k < most:
-                    trim = where_greater(n_rest, splat(float(k)), add(trim, value), trim)
+                    mean = where_greater(n_rest, splat(float(k)), add(mean, value), mean)
             bias = multiply(splat(instruments.bias[c]), load(errors, line + lane_c))
-            trim = subtract(divide(trim, n_rest), bias)
+            mean = subtract(divide(mean, n_rest), bias)
             for at in range(lane_c, n_samples * line, line):
-                store(seen, at, subtract(load(seen, at), trim))
+                store(seen, at, subtract(load(seen, at), mean))
         store_rows(address(out), numbers, count, count, seen)

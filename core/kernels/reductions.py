@@ -6,10 +6,11 @@ from core.kernels.compiled import brief, jit
 
 
 @jit
-def first_exceedance(y, low, high):
-    """First sample of each trajectory at which a channel is not between its limits.
+def first_exceedance(y, trim, low, high):
+    """First sample of each trajectory at which a channel, from trim, is not between its limits.
 
-    y: (n, n_samples, n_channels).   low, high: (n_channels,), infinite for none.
+    y: (n, n_samples, n_channels).   trim: (1 or n, n_channels).
+    low, high: (n_channels,), infinite for none.
     Returns (n,) sample indices; n_samples without an exceedance.
     """
     n, n_samples, n_channels = y.shape
@@ -18,8 +19,9 @@ def first_exceedance(y, low, high):
         if low[c] == -np.inf and high[c] == np.inf:
             continue
         for i in range(n):
+            zero = trim[min(i, len(trim) - 1), c]
             for k in range(first[i]):
-                if not low[c] < y[i, k, c] < high[c]:
+                if not low[c] < y[i, k, c] - zero < high[c]:
                     first[i] = k
                     break
     return first

@@ -37,13 +37,15 @@ class Envelope(NamedTuple):
     def unlimited(cls, n_channels: int) -> "Envelope":
         return cls.of_magnitudes(np.full(n_channels, inf))
 
-    def first_exceedance(self, y: Array) -> Indices:
+    def first_exceedance(self, y: Array, trim: Array | None = None) -> Indices:
         """First sample of each trajectory that exceeds a limit.
 
         y: (n, n_samples, n_channels). A limited channel that is not finite has diverged and
-        exceeds.   Returns (n,) sample indices; n_samples without an exceedance.
+        exceeds.   trim: (n, n_channels) from which y counts; None: 0.
+        Returns (n,) sample indices; n_samples without an exceedance.
         """
-        return first_exceedance(y, self.low, self.high)
+        trim = np.zeros((1, y.shape[2])) if trim is None else trim
+        return first_exceedance(y, trim, self.low, self.high)
 
     @classmethod
     def widest(cls, envelopes: Sequence["Envelope"]) -> "Envelope":

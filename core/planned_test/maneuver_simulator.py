@@ -12,7 +12,7 @@ from core.computed import complete
 from core.kernels.compiled import in_chunks
 from core.kernels.pilot import NOBODY, Pilots
 from core.limits.limits import Envelope
-from core.simulation.imperfections import channel_array, from_trim, seed_of
+from core.simulation.imperfections import channel_array, seed_of, trim_of
 from core.simulation.pilot import Crew
 from core.simulation.simulator import Parameters, Rollouts, Stopped
 from core.simulation.stability_margins import Margins
@@ -92,7 +92,7 @@ class ManeuverSimulator(ABC):
 
     def rollouts(self, n: int, rng: np.random.Generator) -> Rollouts:
         """Roll out n random aircraft."""
-        return self._rolled_out(*self._planned(n, rng), rng, lambda block, y, trim: None)
+        return self._rolled_out(*self._planned(n, rng), rng)
 
     def fly(
         self, theta: Array, rng: np.random.Generator, scale: Array | None = None
@@ -115,7 +115,7 @@ class ManeuverSimulator(ABC):
         return self._rolled_out(theta, scaled, rng, look), peaks
 
     def _rolled_out(
-        self, theta: Array, planned: Planned, rng: np.random.Generator, look: Look
+        self, theta: Array, planned: Planned, rng: np.random.Generator, look: Look | None = None
     ) -> Rollouts:
         """Roll out flights as measured. look: as in `recorded`; trim is 0 without
         imperfections."""
@@ -124,9 +124,10 @@ class ManeuverSimulator(ABC):
         every = slice(0, len(theta))
         drawn = self._flown(theta, planned, rng)(every)
         y = self.outputs(drawn)
-        first = self._first_exceedance(y, drawn)
+        first = self._first_exceedance(y, self._trim(y, drawn), drawn)
         y = np.ascontiguousarray(y[:, :: self.test.substeps])
-        look(every, y, np.zeros_like(y[:, 0]))
+        if look is not None:
+            look(every, y, np.zeros_like(y[:, 0]))
         self.test.noise.add_to(y, rng)
         return Rollouts(complete(self.dictionary, y, self.dt), first, theta)
 
@@ -139,7 +140,7 @@ class ManeuverSimulator(ABC):
         return self._recorded(*self._planned(n, rng), rng, look)
 
     def _recorded(
-        self, theta: Array, planned: Planned, rng: np.random.Generator, look: Look
+        self, theta: Array, planned: Planned, rng: np.random.Generator, look: Look | None
     ) -> Rollouts:
         test, n, flown = self.test, len(theta), self._flown(theta, planned, rng)
         noise = channel_array(test.noise, self.dictionary.measured)
@@ -154,12 +155,12 @@ class ManeuverSimulator(ABC):
                 some = flown(block)
                 y = self.outputs(some._replace(unused=unused))
                 start = self._start(y)
-                trim = y[:, start].copy()
-                fail_index[block] = self._first_exceedance(y, some)
-                trim -= y[:, start]
-                look(block, y[:, start :: test.substeps], trim)
+                trim = self._trim(y, some)
+                fail_index[block] = self._first_exceedance(y, trim, some)
+                if look is not None:
+                    look(block, y[:, start :: test.substeps] - trim[:, np.newaxis], trim)
                 test.imperfections.record(
-                    y, start, test.substeps, some.rest, noise, step, seed,
+                    y, trim, start, test.substeps, some.rest, noise, step, seed,
                     self.dictionary, begin, out[block],
                 )  # fmt: skip
 
@@ -191,7 +192,8 @@ class ManeuverSimulator(ABC):
                 all_commands[which] = commands
                 all_commands, _ = self._inexact(all_commands, n, seed_of(deepcopy(rng_before)))
                 repeated = repeated._replace(commands=all_commands[which])
-            return self._first_exceedance(self.outputs(repeated), repeated)
+            y = self.outputs(repeated)
+            return self._first_exceedance(y, self._trim(y, repeated), repeated)
 
         return stopped
 
@@ -255,14 +257,18 @@ class ManeuverSimulator(ABC):
         """The step at which rollouts begin, after the run-up."""
         return y.shape[1] - (self.test.maneuver.n_samples(self.dt) - 1) * self.test.substeps - 1
 
-    def _first_exceedance(self, y: Array, drawn: Drawn) -> Indices:
+    def _trim(self, y: Array, drawn: Drawn) -> Array:
+        """(n, n_measured) from which true outputs count: 0 without imperfections."""
+        if self.test.imperfections.are_none:
+            return np.zeros_like(y[:, 0])
+        return trim_of(y, self._start(y), self.test.substeps, drawn.rest, self.dictionary)
+
+    def _first_exceedance(self, y: Array, trim: Array, drawn: Drawn) -> Indices:
         """(n,) first sample that exceeds a limit, or at which the pilot gives up if that labels
         flights, the last one of aircraft with too little stability margin if that does; n_samples
-        for none. Subtracts trim from y."""
+        for none."""
         test, every = self.test, self.test.substeps
         n_samples = test.maneuver.n_samples(test.dt)
-        if not test.imperfections.are_none:
-            y = from_trim(y, self._start(y), every, drawn.rest, self.dictionary)
         if test.margins.label:
             theta, which = np.unique(drawn.theta, axis=0, return_inverse=True)
             unsafe = test.margins.too_little(self.margins(theta))[which.ravel()]
@@ -270,6 +276,9 @@ class ManeuverSimulator(ABC):
         if test.pilot.label:
             gave_up = drawn.in_loop.gave_up - test.imperfections.run_up(test.dt)
             return np.clip(gave_up, 0, n_samples)
-        whole = complete(self.dictionary, y, test.dt / every)
-        first = -(-self.limits.first_exceedance(whole) // every)
+        y = y[:, self._start(y) :]
+        if self.dictionary.formulas:
+            y = complete(self.dictionary, y - trim[:, np.newaxis], test.dt / every)
+            trim = np.zeros((1, y.shape[2]))
+        first = -(-self.limits.first_exceedance(y, trim) // every)
         return np.minimum(first, n_samples)

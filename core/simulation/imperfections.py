@@ -17,9 +17,9 @@ from core.kernels.imperfections import (
     Instruments,
     commands_work,
     fill_commands,
+    means_at_rest,
     record,
     record_work,
-    subtract_trim,
 )
 from core.kernels.lanes import aligned
 from core.simulation.turbulence import (
@@ -201,6 +201,7 @@ class Imperfections:
     def record(
         self,
         y: Array,
+        trim: Array,
         start: int,
         every: int,
         rest: Indices,
@@ -214,7 +215,8 @@ class Imperfections:
         """Record true outputs (n, n_samples, n_channels), each rollout with its own errors.
 
         y: (n, n_steps, n_channels), one row each `step` s; every `every`-th from `start` on is
-        recorded.   rest: of `fly`.   noise: (n_channels,) 1 sigma.
+        recorded.   trim: (n, n_channels), of `trim_of`.   rest: of `fly`.
+        noise: (n_channels,) 1 sigma.
         dictionary: its measured channels are those of y; absolute ones keep their trim.
         number: of the first of these rollouts among all of the seed.   out: written if given.
         """
@@ -233,7 +235,8 @@ class Imperfections:
 
         def fill(first: int, last: int) -> None:
             work = QUANTILES, aligned(size), np.empty(IWORK, np.int64)
-            record(seed, number, y, start, every, rest, instruments, *work, out, first, last)
+            about = y, trim, start, every, rest, instruments
+            record(seed, number, *about, *work, out, first, last)
 
         in_chunks(len(y), CHUNK, fill)
         return out
@@ -245,20 +248,14 @@ def counts_from_trim(dictionary: Dictionary) -> Flags:
     return np.array([by_key[key].reference == "trim" for key in dictionary.measured])
 
 
-def from_trim(
+def trim_of(
     y: Array, start: int, every: int, rest: Indices, dictionary: Dictionary = LATERAL
 ) -> Array:
-    """Subtract trim, the mean at rest, from the channels that count from it, in place.
+    """(n, n_channels) mean at rest of the channels that count from trim; 0 for the others.
 
     Arguments as in `record`.
     """
-    which = counts_from_trim(dictionary)
-    in_chunks(
-        len(y),
-        CHUNK,
-        lambda first, last: subtract_trim(y, start, every, rest, which, first, last),
-    )
-    return y[:, start:]
+    return means_at_rest(y, start, every, rest, counts_from_trim(dictionary))
 
 
 def seed_of(rng: np.random.Generator) -> np.uint64:

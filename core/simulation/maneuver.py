@@ -232,7 +232,9 @@ class Steps(OneSurface, ABC):
 
     def shape(self, elapsed: Array, segments: Array) -> Array:
         """The level of the segment at each time; trim before and after."""
-        begins = np.cumsum(np.pad(segments, ((0, 0), (1, 0))), axis=1) - TIME_GUARD
+        begins = np.zeros((len(segments), 1 + segments.shape[1]))
+        np.cumsum(segments, axis=1, out=begins[:, 1:])
+        begins -= TIME_GUARD
         return levels_at(elapsed, begins, np.array([0.0, *self.levels, 0.0]))
 
 

@@ -161,7 +161,8 @@ class Foresight:
         forks = self._flown.some(forked)._replace(
             theta=theta.reshape(m * n_forks, -1), commands=moves, gusts=gusts
         )
-        ends = self._simulator._first_exceedance(self._simulator.outputs(forks), forks)
+        y = self._simulator.outputs(forks)
+        ends = self._simulator._first_exceedance(y, self._simulator._trim(y, forks), forks)
         return ends.reshape(m, n_forks)
 
 

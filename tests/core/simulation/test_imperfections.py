@@ -18,8 +18,8 @@ from core.simulation.imperfections import (
     Imperfections,
     Quantisation,
     channel_array,
-    from_trim,
     seed_of,
+    trim_of,
 )
 from core.simulation.rollout import roll_out
 from core.simulation.turbulence import FOOT, intensity, scale_length
@@ -28,6 +28,7 @@ N, SAMPLES, START, EVERY = 400, 60, 20, 2
 DT = 0.05
 QUIET = np.zeros(6)
 REST = np.full(N, 10)
+ZERO = np.zeros((N, 6))
 
 
 def truth() -> np.ndarray:
@@ -39,7 +40,7 @@ def truth() -> np.ndarray:
 
 def recorded(errors: Imperfections, noise: np.ndarray = QUIET, seed: int = 1) -> np.ndarray:
     rng = np.random.default_rng(seed)
-    return errors.record(truth(), START, EVERY, REST, noise, DT / EVERY, seed_of(rng))
+    return errors.record(truth(), ZERO, START, EVERY, REST, noise, DT / EVERY, seed_of(rng))
 
 
 def correlations(columns: np.ndarray) -> np.ndarray:
@@ -81,7 +82,7 @@ def test_noise_is_white_with_its_mean_at_rest_removed():
 
 def test_noise_of_channels_and_rollouts_is_independent():
     still, sigma = np.zeros((N, START + 2 * SAMPLES, 6)), np.ones(6)
-    y = Imperfections().record(still, START, 1, REST, sigma, DT, np.uint64(5))[:, 10:]
+    y = Imperfections().record(still, ZERO, START, 1, REST, sigma, DT, np.uint64(5))[:, 10:]
     y = y - y.mean(axis=1, keepdims=True)
     assert correlations(y.reshape(-1, 6)).max() < 4 / np.sqrt(y[..., 0].size)
     for others in (y[1:, :, 0], y[:-1, :, 1]):
@@ -117,7 +118,7 @@ def test_trim_is_the_mean_at_rest_of_each_rollout():
     rest, expected = np.array([1, 2, 3]), y.copy()
     for i in range(3):
         expected[i] -= y[i, 2 : 2 + 2 * rest[i] : 2].mean(axis=0)
-    np.testing.assert_allclose(from_trim(y, 2, 2, rest), expected[:, 2:], atol=1e-15)
+    np.testing.assert_allclose(y - trim_of(y, 2, 2, rest)[:, None], expected, atol=1e-15)
 
 
 def fly(planned: np.ndarray, n: int, most: int = 10, **errors: Any):
