@@ -39,7 +39,7 @@ export function createWall(element, view, address, tone = null) {
   const without = h("li.wall-why", { hidden: true });
   const list = h("ol.wall-limits", { "aria-label": "Channels nearest to their limits" }, without);
   const life = new AbortController();
-  element.append(word, h("p.wall-source", source, sound), clock, h("p.wall-beside", beside, called), list);
+  element.append(h("div.wall-head", word, h("p.wall-beside", beside, called)), h("p.wall-source", source, sound), clock, list);
   document.addEventListener("fullscreenchange", followScreen, { signal: life.signal });
   let rows = [];
   let last = null; // shown when it is opened

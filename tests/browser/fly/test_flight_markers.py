@@ -5,7 +5,7 @@ import re
 import pytest
 from playwright.sync_api import Page, Route, expect
 
-from tests.browser.fly.test_fly_page import SAFE, UNSAFE, Fly, site, stored
+from tests.browser.fly.test_fly_page import SAFE, UNSAFE, Fly, draw_no_scene, site, stored
 from tests.browser.fly.test_live import Live
 from tests.browser.fly.test_wall import LARGER
 from tests.browser.site import Site
@@ -89,11 +89,13 @@ def test_a_new_manoeuvre_takes_a_call_from_the_headline(fly: Fly) -> None:
     fly.state_says("▲ ABORT")
 
 
-def test_the_wall_gives_one_line_each_to_a_call_and_an_exceedance(own_fly: Fly) -> None:
+def test_the_wall_gives_a_line_each_to_call_and_exceedance_and_a_scene_room(own_fly: Fly) -> None:
     fly, page = own_fly, own_fly.page  # no window that still leaves the full screen
     fly.watch(UNSAFE, ("pause", None), ("seek", 3.0), ("seek", 0.0))
     for alarm in fly.ask("GET", f"/flights/{fly.flight}/alarms"):
         fly.ask("POST", f"/flights/{fly.flight}/alarms/{alarm['id']}/acknowledge", {})
+    draw_no_scene(page)
+    page.get_by_role("button", name="Show scene").click()
     page.set_viewport_size({"width": 1920, "height": 1080})
     wall = f"{page.url}?wall"
     page.goto("about:blank")  # opened by its address, it asks for no full screen
@@ -102,9 +104,15 @@ def test_the_wall_gives_one_line_each_to_a_call_and_an_exceedance(own_fly: Fly) 
         expect(page.locator(".wall-beside")).to_contain_text("first at")
         line = page.locator(".wall-state").evaluate("(one) => one.clientHeight / innerWidth")
         assert line < 0.1  # one line
+        scene = page.locator(".scene-cell").bounding_box()
+        assert scene is not None
+        assert scene["height"] >= 280
         expect(page.locator(".marker-last")).to_be_hidden()
         page.keyboard.press("x")
         expect(page.locator(".wall-beside")).to_contain_text("by local")
+    page.set_viewport_size({"width": 1280, "height": 720})
+    expect(page.locator(".scene-cell")).to_be_hidden()
+    expect(page.locator(".gauge-dial")).to_be_visible()
 
 
 def test_an_abort_that_was_not_set_is_said_as_loudly_as_one_that_was(

@@ -363,6 +363,16 @@ def test_no_panel_beside_the_strips_covers_another(fly: Fly) -> None:
     fly.event("alert, risk").wait_for()
     fly.page.get_by_role("button", name="Show scene").click()
     expect(fly.page.locator(".scene-panel iframe")).to_be_attached()
+    fly.page.evaluate(
+        """() => {
+            const rest = document.querySelector(".rest-of-card");
+            rest.hidden = false;
+            rest.querySelector("p").textContent = "▲ another exceedance predicted, "
+                + "peak ahead 104 % of a limit (90 % interval: 94 % to 114 %)";
+            document.querySelector(".card-words").textContent =
+                "rudder: planned 9.5 deg, 2 s; flown before this display began";
+        }"""
+    )
     for width, height in ((1440, 900), (1024, 768)):
         fly.page.set_viewport_size({"width": width, "height": height})
         edges = fly.page.locator(".side-column > *").evaluate_all(

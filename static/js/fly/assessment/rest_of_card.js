@@ -52,7 +52,7 @@ export function createRestOfCard(element, noRest) {
     if (`${level} ${text}` === shown) return;
     shown = `${level} ${text}`;
     element.dataset.level = level;
-    line.replaceChildren(formatted(text));
+    line.replaceChildren(formatted(text.replaceAll(" %", "\u00a0%")));
   }
 
   return { draw };
