@@ -111,13 +111,13 @@ class ModelSimulator(FlightByFlight):
                             y[k] = outputs
                         k += 1
                 except _FlightError as error:
+                    process.end()
                     values = dict(zip(names, theta[k].tolist(), strict=True))
                     errors[k] = f"{self.name}, {rollout_in_words(k, len(theta), values)}, {error}"
 
         most = 1 if is_alone() else self.processes
         self._started.run(fly, min(most, -(-len(theta) // AT_ONCE)))
         if errors:
-            self.end()
             raise OwnCodeError(errors[min(errors)])
         return y, impossible
 
@@ -199,49 +199,63 @@ class _Process:
         if reason in ("SIGALRM", "SIGKILL"):
             raise _FlightError(
                 f"took more than {seconds:g} s or was stopped by the system: correct the model, or "
-                "allow more seconds"
+                "give the test point more `seconds`"
             )
         raise _FlightError(
-            f"crashed ({reason}) within {memory} MiB of memory: correct the model, or allow more "
-            "memory"
+            f"crashed ({reason}) within {memory} MiB of memory: correct the model, or give the "
+            "test point more `memory`"
         )
 
 
 class _Processes:
-    """Processes of one model, started when they are needed, ended with this object."""
+    """Processes of one model, started when they are needed, ended with this object.
+
+    Several threads may fly at once, each with processes of its own.
+    """
 
     def __init__(self, model: Model, name: str, limits: ProcessLimits) -> None:
         self._model, self._name, self._limits = model, name, limits
         self._folder = tempfile.TemporaryDirectory(prefix="forewarn-", ignore_cleanup_errors=True)
         self._all: list[_Process] = []
+        self._idle: list[_Process] = []
+        self._lock = Lock()
         weakref.finalize(self, _end, self._all, self._folder)
 
     def run(self, work: Callable[[_Process], None], n: int) -> None:
-        """Run `work` with each of n processes at the same time. OwnCodeError."""
+        """Run `work` with each of n processes at the same time. OwnCodeError.
+
+        A process that `work` ends is not used again.
+        """
+        with self._lock:
+            taken, self._idle = self._idle[:n], self._idle[n:]
         try:
-            new = [self._start() for _ in range(n - len(self._all))]
+            new = [self._start() for _ in range(n - len(taken))]
+            taken += new
             for process in new:
                 process.loaded()
             with ThreadPoolExecutor(n) as pool:
                 try:
-                    list(pool.map(work, self._all[:n]))
+                    list(pool.map(work, taken))
                 except BaseException:  # an interrupt, which must not wait for flights
-                    for process in self._all:
+                    for process in taken:
                         process.popen.kill()
                     raise
-        except _FlightError as error:
-            self.end()
-            raise OwnCodeError(f"{self._name} {error}") from None
-        except BaseException:
-            self.end()
+        except BaseException as error:
+            _end(taken)
+            if isinstance(error, _FlightError):
+                raise OwnCodeError(f"{self._name} {error}") from None
             raise
+        with self._lock:
+            self._idle += [process for process in taken if process.popen.poll() is None]
 
     def end(self) -> None:
+        self._idle.clear()
         _end(self._all)
 
     def _start(self) -> _Process:
-        self._all.append(_Process(self._model, self._limits, self._folder.name))
-        return self._all[-1]
+        process = _Process(self._model, self._limits, self._folder.name)
+        self._all.append(process)
+        return process
 
 
 def _end(
@@ -273,7 +287,8 @@ def main(connection: Connection) -> None:
         try:
             answer = FLIGHT + work()
         except MemoryError:
-            answer = ERROR + f"needs more than {limits.memory} MiB: allow more memory".encode()
+            needed = f"needs more than {limits.memory} MiB: give the test point more `memory`"
+            answer = ERROR + needed.encode()
         except Exception as error:
             kind = IMPOSSIBLE if fly and isinstance(error, ImpossibleError) else ERROR
             answer = kind + f"failed: {error or type(error).__name__}".encode()

@@ -1,6 +1,7 @@
 """Aircraft of JSBSim in separate processes."""
 
 import pickle
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -45,6 +46,14 @@ def test_any_number_of_processes_gives_the_same_bits():
     assert len(np.unique(flights[0].reshape(40, -1), axis=0)) == 40
     for other in flights[1:]:
         np.testing.assert_array_equal(flights[0], other)
+
+
+def test_flights_of_several_threads_at_once_are_those_of_one():
+    own = simulator(model(), processes=1)
+    alone = [own.rollouts(20, RNG(seed))[0] for seed in range(4)]
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(lambda seed: own.rollouts(20, RNG(seed))[0], range(4)))
+    np.testing.assert_array_equal(together, alone)
 
 
 def test_a_copy_for_another_process_flies_the_same():
