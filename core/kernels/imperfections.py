@@ -56,6 +56,8 @@ CELLS = 2048
 """Cells of equal probability for a normal number; the outermost TAIL cells on each side are the
 tails, which use the rational function."""
 TAIL = 8
+MOST_TAILS = 128
+"""Normal numbers in the tails that are computed together."""
 QUANTILES = np.load(Path(__file__).with_name("quantiles.npy"))
 """(CELLS + 1,) scipy.special.ndtri(arange(CELLS + 1) / CELLS), stored to avoid a 0.2 s import."""
 _BEYOND = float(QUANTILES[-1 - TAIL])
@@ -125,33 +127,53 @@ def _in_tail(half):
 
 
 @jit
-def _write_normals(quantiles, halves, normals):
-    """Write the normal numbers of eight half words, 0 to 2^32 - 1."""
+def _write_inner(quantiles, halves, normals, tails, n):
+    """Write the normal numbers of eight half words, 0 to 2^32 - 1; of those in the tails write the
+    half word, and its place to `tails`, after n others. Returns how many it holds now.
+    """
     cell = shift_right(halves, splat_whole(_BITS))
     share = add(real(both(halves, splat_whole(_SHARE))), splat(0.5))
     low, high = gather_pairs(quantiles, cell)
     x = add(low, multiply(multiply(share, splat(2.0**-21)), subtract(high, low)))
     store(normals, 0, x)
-    tails = at_most(splat(_BEYOND), magnitude(x))
-    while tails:
-        lane = np.int64(lowest_bit(tails))
-        write(normals, lane, _in_tail(pick_whole(halves, lane)))
-        tails &= tails - _ONE
+    beyond = at_most(splat(_BEYOND), magnitude(x))
+    while beyond:
+        lane = np.int64(lowest_bit(beyond))
+        write_integer(normals, lane, np.int64(pick_whole(halves, lane)))
+        write_integer(tails, n, normals + 8 * lane)
+        n += 1
+        beyond &= beyond - _ONE
+    return n
 
 
 @jit
-def write_normals(quantiles, streams, count, normals):
+def _write_tails(tails, n):
+    """Replace the half words at n places; many together, because each one's steps must wait."""
+    for i in range(n):
+        place = read_integer(tails, i)
+        write(place, 0, _in_tail(read_integer(place, 0)))
+
+
+@jit
+def write_normals(quantiles, streams, count, tails, normals):
     """Write the first `count` standard normal numbers of eight streams side by side; one more if
     it is odd.
 
     quantiles: address of QUANTILES.   streams: address of eight integers.
+    tails: address of MOST_TAILS integers, workspace.
     """
+    n = np.int64(0)
     position, step, low = load_whole(streams, 0), splat_whole(_STEP), splat_whole(_LOW)
     for k in range(0, count, 2):
         position = add_whole(position, step)
         word = _mixed_lanes(position)
-        _write_normals(quantiles, shift_right(word, splat_whole(_S32)), normals + 8 * WIDTH * k)
-        _write_normals(quantiles, both(word, low), normals + 8 * WIDTH * (k + 1))
+        at, high = normals + 8 * WIDTH * k, shift_right(word, splat_whole(_S32))
+        n = _write_inner(quantiles, high, at, tails, n)
+        n = _write_inner(quantiles, both(word, low), at + 8 * WIDTH, tails, n)
+        if n > MOST_TAILS - 2 * WIDTH:
+            _write_tails(tails, n)
+            n = np.int64(0)
+    _write_tails(tails, n)
 
 
 @jit
@@ -172,8 +194,8 @@ def _set_streams(streams, number, below):
         write_integer(below, lane, np.int64(stream))
 
 
-IWORK = 3 * WIDTH
-"""Integers: rollouts' numbers, their streams, streams derived from them."""
+IWORK = 3 * WIDTH + MOST_TAILS
+"""Integers: rollouts' numbers, their streams, streams derived from them, tails."""
 
 
 def even(count: int) -> int:
@@ -197,10 +219,10 @@ def fill_gusts(seed, number, fade, share, begin, noise, quantiles, work, iwork, 
     """
     direct, twice = splat(np.sqrt(3.0)), splat(1.0 - np.sqrt(3.0))
     n_samples, w, numbers = out.shape[1], address(work), address(iwork)
-    streams = numbers + 8 * WIDTH
+    streams, tails = numbers + 8 * WIDTH, numbers + 24 * WIDTH
     for base in range(first, last, WIDTH):
         _set_lanes(seed, number, base, last, numbers, streams)
-        write_normals(address(quantiles), streams, 2 * n_samples, w)
+        write_normals(address(quantiles), streams, 2 * n_samples, tails, w)
         z0, z1 = load(w, 0), load(w, WIDTH)
         a = multiply(splat(begin[0]), z0)
         b = add(multiply(splat(begin[1]), z0), multiply(splat(begin[2]), z1))
@@ -275,7 +297,7 @@ def fill_commands(
     n_flown, n_surfaces = out.shape[1:]
     count, n_due, is_shared = n_surfaces * n_flown, n_surfaces * planned.shape[1], len(planned) == 1
     table, numbers, errors = address(quantiles), address(iwork), address(work)
-    streams, below = numbers + 8 * WIDTH, numbers + 16 * WIDTH
+    streams, below, tails = numbers + 8 * WIDTH, numbers + 16 * WIDTH, numbers + 24 * WIDTH
     moves = errors + 8 * 4 * WIDTH
     due = moves + 8 * (count + count % 2) * WIDTH
     gain, zero, two = np.sqrt(1.0 - inexact.fade * inexact.fade), splat(0.0), splat(2.0)
@@ -283,10 +305,10 @@ def fill_commands(
     for base in range(first, last, WIDTH):
         _set_lanes(seed, number, base, last, numbers, streams)
         _set_streams(streams, ERRORS, below)
-        write_normals(table, below, np.int64(4), errors)
+        write_normals(table, below, np.int64(4), tails, errors)
         if inexact.unsteadiness > 0.0:
             _set_streams(streams, MOVES, below)
-            write_normals(table, below, count, moves)
+            write_normals(table, below, count, tails, moves)
         else:
             for k in range(count):
                 store(moves, k * WIDTH, zero)
@@ -372,7 +394,7 @@ def record(
     n_steps, (n_samples, n_channels) = y.shape[1], out.shape[1:]
     count, line = n_samples * n_channels, n_channels * WIDTH
     table, numbers = address(quantiles), address(iwork)
-    streams, below = numbers + 8 * WIDTH, numbers + 16 * WIDTH
+    streams, below, tails = numbers + 8 * WIDTH, numbers + 16 * WIDTH, numbers + 24 * WIDTH
     earliest = max(start - 1 - int(instruments.lag.max()), 0)
     n_true = (start + (n_samples - 1) * every - earliest + 1) * n_channels
     true = address(work)
@@ -386,9 +408,9 @@ def record(
         _set_lanes(seed, number, base, last, numbers, streams)
         load_rows(address(y), numbers, n_steps * n_channels, earliest * n_channels, n_true, true)
         _set_streams(streams, ERRORS, below)
-        write_normals(table, below, 2 * n_channels, errors)
+        write_normals(table, below, 2 * n_channels, tails, errors)
         _set_streams(streams, NOISE, below)
-        write_normals(table, below, count, seen)
+        write_normals(table, below, count, tails, seen)
         most = 0
         for lane in range(WIDTH):
             lags = stream_of(np.uint64(read_integer(streams, lane)), LAGS)

@@ -5,6 +5,7 @@ from scipy.special import ndtri
 from core.kernels.compiled import jit
 from core.kernels.imperfections import (
     CELLS,
+    MOST_TAILS,
     QUANTILES,
     _in_tail,
     stream_of,
@@ -25,7 +26,8 @@ def uniforms(own, out):
 
 @jit
 def normals(quantiles, streams, out):
-    write_normals(address(quantiles), address(streams), out.shape[0], address(out))
+    tails = np.empty(MOST_TAILS, np.int64)
+    write_normals(address(quantiles), address(streams), out.shape[0], address(tails), address(out))
 
 
 def stream(number: int) -> np.uint64:
