@@ -16,7 +16,6 @@ from core.clearance.clearance import ClearanceRecipe
 from core.clearance.with_monitor import MONITOR
 from core.evaluation.rates import clopper_pearson
 from core.monitor.recipe import MonitorRecipe
-from core.planned_test.nonlinear_test import JsbsimTest
 from core.planned_test.planned_test import DatasetRecipe, ManeuverTest, needs_limits
 from core.types import Array
 
@@ -138,12 +137,6 @@ class Condition:
 
     def __post_init__(self) -> None:
         needs_limits(self.test, "a campaign")
-        if isinstance(self.test, JsbsimTest):
-            raise ValueError(
-                "a clearance flies some 30,000 simulated flights, also far beyond the planned "
-                "amplitude, which takes too long with an aircraft of JSBSim: choose a linear or "
-                "nonlinear aircraft"
-            )
 
     @property
     def is_identifiable(self) -> bool:

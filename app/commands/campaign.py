@@ -137,7 +137,7 @@ def _clear(options: argparse.Namespace) -> int:
     before = load(options.file)
     with (
         executor_at(options.scheduler) as executor,
-        progress_bar("aircraft identified") as progress,
+        progress_bar("simulated aircraft") as progress,
     ):
         campaign = clear_next(
             before, options.by, progress, executor, monitored=options.with_monitor

@@ -91,10 +91,10 @@ def clear(
     stored, campaign = campaigns.get(campaign_id)
     check_next(campaign, point)
 
-    def identified(done: int, total: int) -> None:
-        task.progress(f"{done} of {total} aircraft identified", done, total)
+    def flown(done: int, total: int) -> None:
+        task.progress(f"{done} of {total} simulated aircraft flown", done, total)
 
-    cleared = clear_next(campaign, by, identified, task.executor, monitored=monitored)
+    cleared = clear_next(campaign, by, flown, task.executor, monitored=monitored)
     task.progress("storing", task.done, task.total)
     campaigns.put(stored, cleared)
     return {"campaign": campaign_id, "point": point, "state": cleared.next.point.state}

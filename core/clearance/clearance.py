@@ -328,12 +328,14 @@ def predictor_of(points: BuildUp, recipe: ClearanceRecipe) -> PeakPredictor:
 class Clearance:
     """A calibrated rule for the next point of a build-up.
 
-    n_tried: simulated aircraft tested for exceedance.   scores, exceeding: (n,) of the identified
-    aircraft, and the share of their flights of the next point that exceed a limit; it is 0 for all
-    others.   spare: (n_aircraft,) logarithm of the amplitude that just reaches a limit over the
-    predicted one, of the first aircraft.   checks: (n_aircraft, k) as in PeakPrediction, of these.
+    predictor: calibrated.   n_tried: simulated aircraft tested for exceedance.   scores, exceeding:
+    (n,) of the identified aircraft, and the share of their flights of the next point that exceed a
+    limit; it is 0 for all others.   spare: (n_aircraft,) logarithm of the amplitude that just
+    reaches a limit over the predicted one, of the first aircraft.   checks: (n_aircraft, k) as in
+    PeakPrediction, of these.
     """
 
+    predictor: PeakPredictor
     points: BuildUp
     recipe: ClearanceRecipe
     n_tried: int
@@ -403,7 +405,7 @@ class Clearance:
         clear_below: largest p-value of a cleared point; None for that of the recipe's promise.
         ClearanceError for records that do not fit the flown steps.
         """
-        predictor = predictor_of(self.points, self.recipe)
+        predictor = self.predictor
         if len(records) != len(self.points.flown):
             raise ClearanceError(
                 f"{len(records)} records were given: the build-up has {len(self.points.flown)} "
@@ -463,7 +465,8 @@ def calibrate(
     """Fly simulated aircraft at the next point; identify the first ones and all that exceed there.
 
     executor: see Tasks.
-    progress: called with (aircraft identified, aircraft to identify); an exception cancels.
+    progress: called with (aircraft flown, about how many there will be), each tested for exceedance
+    and then those to identify; an exception cancels.
     ClearanceError if too few exceed, but more than RARE.
     """
     predictor = predictor_of(points, recipe)
@@ -474,7 +477,9 @@ def calibrate(
         n_tried < MOST_AIRCRAFT and n_exceeding < recipe.n_exceeding
     ):
         if progress:
-            progress(0, recipe.n_aircraft + recipe.n_exceeding)
+            needed = n_tried * recipe.n_exceeding / max(n_exceeding, 1.0)
+            tested = min(max(round(needed), recipe.n_aircraft), MOST_AIRCRAFT)
+            progress(n_tried, tested + recipe.n_aircraft + recipe.n_exceeding)
         theta = predictor.sample(BATCH, rng)
         flights, _ = predictor.following.fly(np.repeat(theta, FLIGHTS, axis=0), rng)
         exceeding = flights.is_unsafe.reshape(BATCH, FLIGHTS).mean(axis=1)
@@ -496,7 +501,10 @@ def calibrate(
         for part in tasks.results(predictor.identified, batches):
             parts.append(part)
             if progress:
-                progress(min(len(parts) * BATCH, len(theta)), len(theta))
+                done = min(len(parts) * BATCH, len(theta))
+                progress(n_tried + done, n_tried + len(theta))
     scores, spare, checks = (np.concatenate(part) for part in zip(*parts, strict=True))
     first = slice(recipe.n_aircraft)
-    return Clearance(points, recipe, n_tried, scores, exceeding, spare[first], checks[first])
+    return Clearance(
+        predictor, points, recipe, n_tried, scores, exceeding, spare[first], checks[first]
+    )

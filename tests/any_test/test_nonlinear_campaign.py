@@ -30,7 +30,7 @@ from core.clearance.with_monitor import with_monitor
 from core.planned_test.nonlinear_test import JsbsimTest, NonlinearTest
 from core.simulation.maneuver import MANEUVERS
 from core.types import Array, Flags
-from tests.support.api import api, store_of
+from tests.support.api import api, finished, store_of
 from tests.support.recorded import csv_of
 
 TEST = NonlinearTest(
@@ -38,6 +38,11 @@ TEST = NonlinearTest(
 ).with_usual()
 RECIPE = ClearanceRecipe(epsilon=0.1, n_exceeding=50, n_aircraft=150, seed=3)
 POINTS = BuildUp.fractions(TEST, (0.6, 0.8))
+METHOD = {
+    "predictor": {"kind": "linear"},
+    "score": {"kind": "nearest_neighbor"},
+    "guarantee": "average",
+}
 
 
 @pytest.fixture(scope="module")
@@ -139,9 +144,35 @@ def test_a_build_up_is_flown_over_rest(tmp_path: Path) -> None:
         assert client.get(f"{path}/report").status_code == 200
 
 
-def test_an_aircraft_that_flies_too_slowly_is_refused() -> None:
-    with pytest.raises(ValueError, match="JSBSim"):
-        Condition("", JsbsimTest())
+@pytest.mark.usefixtures("few_flights")
+def test_a_build_up_of_jsbsim_is_cleared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("jsbsim", reason="JSBSim is not installed: the extra jsbsim")
+    for name, fewer in (("N_LEARNED", 80), ("FLIGHTS", 2), ("HALVINGS", 2)):
+        monkeypatch.setattr(f"core.clearance.clearance.{name}", fewer)
+    maneuver = replace(MANEUVERS["pitch_doublet"].with_peak(-6.4), duration_s=2.0)
+    dataset = to_plain(JsbsimTest(maneuver=maneuver, n_obs=20, n_unsafe=20))
+    plan = {
+        "name": "Pull",
+        "conditions": [{"dataset": dataset, "steps": [0.8, 1.0]}],
+        "clearance": {"epsilon": 0.1, "n_exceeding": 20, "n_aircraft": 100},
+    }
+    with api(tmp_path) as client:
+        path = client.post("/api/v1/campaigns", json=plan).headers["location"]
+        first = {"point": "80%", "by": "Ann"}
+        assert client.post(f"{path}/confirm", json=first).status_code == 200
+        _, campaign = Campaigns(store_of(client)).get(path.rpartition("/")[2])
+        sent = recording(tmp_path / "flight.csv", campaign).read_bytes()
+        recorded = client.post("/api/v1/recordings?name=flight.csv", content=sent).json()
+        flown = client.post(f"{path}/flown", json=first | {"recording": recorded["id"]})
+        assert flown.status_code == 200, flown.text
+        job = finished(client, client.post(f"{path}/clearance", json=first | {"point": "100%"}))
+        assert job["status"] == "done", job
+        assert job["result"]["state"] in ("on condition", "hold")
+        clearing = client.get(path).json()["points"][1]["clearing"]
+        assert clearing["n_exceeding"] >= 20
+        asked = {"point": "100%", "t_early": 0.25, "epsilon": 0.1, "n_test": 0}
+        job = finished(client, client.post(f"{path}/monitor", json=asked | METHOD))
+        assert job["status"] == "done", job
 
 
 def test_only_linear_aircraft_are_identified(tmp_path: Path) -> None:

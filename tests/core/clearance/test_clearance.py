@@ -211,13 +211,13 @@ def test_a_point_with_rare_exceedances_is_cleared_by_its_prediction(
 def test_progress_is_reported_and_can_cancel() -> None:
     calls: list[tuple[int, int]] = []
 
-    def progress(identified: int, total: int) -> None:
-        calls.append((identified, total))
+    def progress(flown: int, total: int) -> None:
+        calls.append((flown, total))
         raise InterruptedError
 
     with pytest.raises(InterruptedError):
         calibrate(POINTS, ClearanceRecipe(n_draws=8), progress)
-    assert calls == [(0, 1_200)]
+    assert calls == [(0, 2_200)]
 
 
 N_RECORDS = 300
