@@ -8,7 +8,7 @@ import numpy as np
 from app.assessment.planned_test import PlannedTest, rollouts_test
 from app.assessment.trim import CausalTrim
 from core.dataset import Dataset
-from core.kernels.mapping import Affine
+from core.kernels.assessing import Affine
 from core.monitor import Monitor
 from core.monitor.observation import Observations, OutputsAhead
 from core.types import Array, Flags, Indices

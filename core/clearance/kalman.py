@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from core.clearance.joint_model import JointModel
-from core.kernels.whitening import whiten
+from core.kernels.reductions import whiten
 from core.types import Array
 
 SETTLED = 1e-7

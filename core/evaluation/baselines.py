@@ -14,7 +14,7 @@ import numpy as np
 from core.channels import KEYS, LATERAL, Dictionary
 from core.dataset import Dataset
 from core.evaluation.rates import Evaluation, count_silent
-from core.kernels.boxes import box_distances, grow_boxes
+from core.kernels.reductions import box_distances, grow_boxes
 from core.limits.limits import envelope_of
 from core.monitor.calibration import alert_above, p_values
 from core.monitor.observation import channel_scale, lead_steps

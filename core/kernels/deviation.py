@@ -12,10 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from core.kernels.assessing import INVALID, OK, STALE, states
+from core.kernels.assessing import INVALID, OK, STALE, map_observation, map_rows, states
 from core.kernels.compiled import in_chunks, jit
 from core.kernels.lanes import WIDTH, address, read
-from core.kernels.mapping import map_observation, map_rows
 from core.kernels.nearest import Tree, locate, nearest_at, squared_distance_at
 from core.types import Array, Indices
 

@@ -12,8 +12,7 @@ import numpy.typing as npt
 
 from core.kernels.compiled import inlined, jit
 from core.kernels.lanes import address, read, write
-from core.kernels.nearest import U, bounds, distances, scratch
-from core.kernels.tree_build import EMPTY, LEAF, WIDTH, pack_rows
+from core.kernels.nearest import EMPTY, LEAF, WIDTH, U, bounds, distances, pack_rows, scratch
 from core.types import Array, Indices
 
 

@@ -7,9 +7,8 @@ need no search.
 
 import numpy as np
 
-from core.kernels.assessing import SAMPLES_A_TASK, Fitted, rule_of, score_point
+from core.kernels.assessing import SAMPLES_A_TASK, Fitted, map_observation, rule_of, score_point
 from core.kernels.compiled import in_chunks, inlined, jit
-from core.kernels.mapping import map_observation
 from core.kernels.nearest import locate, nearest_at, squared_distance_at
 from core.kernels.p_value import Transduction, p_value_of, simple_p
 from core.types import Array, Flags, Indices

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from core.kernels import N_CHANNELS
-from core.kernels.closed_loop import N_FEEDBACK, clear, close_loop
+from core.kernels.closed_loop import KINDS, N_FEEDBACK, clear, close_loop, discretise, scratch
 from core.kernels.compiled import inlined, jit
 from core.kernels.lanes import (
     UNROLLED,
@@ -30,7 +30,6 @@ from core.kernels.lanes import (
     write_integer,
 )
 from core.kernels.pilot import Pilots, memory_of, seats, steer_lanes
-from core.kernels.zero_order_hold import KINDS, discretise, scratch
 from core.types import Array
 
 SAMPLES = 4

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from core.kernels import N_CHANNELS
-from core.kernels.closed_loop import N_FEEDBACK, clear, close_loop
+from core.kernels.closed_loop import N_FEEDBACK, clear, close_loop, product
 from core.kernels.compiled import inlined, jit
 from core.kernels.lanes import (
     WIDTH,
@@ -34,7 +34,6 @@ from core.kernels.response import (
     take_command,
     write_samples,
 )
-from core.kernels.zero_order_hold import product
 
 LIMITED_IWORK = LANES_IWORK
 

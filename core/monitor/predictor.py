@@ -7,8 +7,8 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 
 from core.bounds import Bounds, check_bounds
+from core.kernels.assessing import Affine
 from core.kernels.compiled import in_chunks
-from core.kernels.mapping import Affine
 from core.monitor.observation import RowSource
 from core.recipe import family
 from core.types import Array

@@ -10,8 +10,7 @@ from core import __version__
 from core.card import Card
 from core.channels import LATERAL
 from core.dataset import FLOWN, Dataset
-from core.kernels.assessing import Fitted, weighted_distances
-from core.kernels.mapping import map_samples
+from core.kernels.assessing import Fitted, map_samples, weighted_distances
 from core.kernels.p_value import SIMPLE, Transduction
 from core.kernels.peak_risk import lowest_scores
 from core.limits.limits import envelope_of

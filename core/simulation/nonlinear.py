@@ -11,12 +11,12 @@ from typing import Annotated
 import numpy as np
 
 from core.bounds import Bounds, check_bounds
-from core.kernels.aerodynamics import RANGES
 from core.kernels.compiled import in_chunks
 from core.kernels.pilot import NOBODY, Pilots, memory_of
 from core.kernels.six_dof import (
     LAW,
     N_TRIM,
+    RANGES,
     FlightPoint,
     Loop,
     Times,

@@ -12,8 +12,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from core.bounds import Bounds, check_bounds
-from core.kernels.aerodynamics import F16_POLYNOMIAL, GENERIC
-from core.kernels.six_dof import Body
+from core.kernels.six_dof import F16_POLYNOMIAL, GENERIC, Body
 from core.recipe import family
 from core.simulation.published import FOOT, SIGMA_FRACTION, AircraftClass
 from core.simulation.simulator import Parameters

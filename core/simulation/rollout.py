@@ -6,6 +6,7 @@ from math import ceil, exp, inf, isfinite, radians
 import numpy as np
 
 from core.channels import N_CHANNELS
+from core.kernels.closed_loop import input_series
 from core.kernels.compiled import in_chunks
 from core.kernels.lanes import WIDTH, aligned
 from core.kernels.pilot import NOBODY, Pilots
@@ -25,7 +26,6 @@ from core.kernels.saturation import (
     limited_work,
     roll_out_limited,
 )
-from core.kernels.zero_order_hold import input_series
 from core.simulation.control_law import FEEDBACK, PHI_STATE, SURFACES, Actuator, Controller
 from core.simulation.uncertain_plant import Plants
 from core.types import Array

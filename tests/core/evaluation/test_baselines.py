@@ -22,7 +22,7 @@ from core.evaluation.baselines import (
 )
 from core.evaluation.rates import evaluate
 from core.evaluation.study import methods
-from core.kernels.boxes import box_distances, grow_boxes
+from core.kernels.reductions import box_distances, grow_boxes
 from core.monitor import MonitorRecipe, train
 from core.planned_test.collection import DatasetRecipe, Rollouts, collect, evaluation_flights
 from core.types import Array

@@ -4,10 +4,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba.core.errors import TypingError
 
-from core.kernels import tree_build
+from core.kernels import nearest as kernel
 from core.kernels.compiled import jit
-from core.kernels.nearest import build, locate, nearest, squared_distance_at
-from core.kernels.tree_build import LEAF, _merge_sort, _select
+from core.kernels.nearest import (
+    LEAF,
+    _merge_sort,
+    _select,
+    build,
+    locate,
+    nearest,
+    squared_distance_at,
+)
 from tests.support.repetition import examples
 
 
@@ -224,7 +231,7 @@ def killer(n, middle):
 
     with pytest.MonkeyPatch.context() as patch:
         for name in ("_merge_sort", "_median", "_below"):  # compiled they take no Key
-            patch.setattr(tree_build, name, getattr(tree_build, name).py_func)
+            patch.setattr(kernel, name, getattr(kernel, name).py_func)
         _select.py_func([Key(i) for i in range(n)], np.arange(n), middle)
     return np.minimum(value, n)
 
@@ -251,6 +258,6 @@ def test_keys_are_sorted_as_numpy_sorts_them_stably(n):
 def test_a_tree_packed_on_many_threads_is_the_same(monkeypatch):
     points = np.random.default_rng(5).standard_normal((3_000, 4)).round(1)
     alone = build(points)
-    monkeypatch.setattr(tree_build, "POINTS_A_TASK", LEAF)
+    monkeypatch.setattr(kernel, "POINTS_A_TASK", LEAF)
     for ours, expected in zip(build(points), alone, strict=True):
         np.testing.assert_array_equal(ours, expected)

@@ -6,9 +6,18 @@ from math import inf, radians
 import numpy as np
 import pytest
 
-from core.kernels.aerodynamics import f16_polynomial, generic_stability_axes
 from core.kernels.pilot import NOBODY
-from core.kernels.six_dof import ALTITUDE, LAW, Loop, Times, begin, motion, roll_out
+from core.kernels.six_dof import (
+    ALTITUDE,
+    LAW,
+    Loop,
+    Times,
+    begin,
+    f16_polynomial,
+    generic_stability_axes,
+    motion,
+    roll_out,
+)
 from core.simulation.atmosphere import air_at
 from core.simulation.control_law import NoFeedback, RateDamper
 from core.simulation.nonlinear import (

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from core.kernels import zero_order_hold
+from core.kernels.closed_loop import DEGREE, input_series
 from core.simulation import rollout
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import (
@@ -191,10 +191,10 @@ def test_scaling_and_squaring_holds_from_slow_to_fast_plants(speed, lag):
 @pytest.mark.parametrize("lag_s", [1e-4, 3e-3, 0.05, 1.0, 1e4])
 def test_input_series_is_the_integral_that_defines_it(lag_s):
     # phi_{j+1}(-x), the integral of exp(-x t) (1 - t)^j / j! over 0..1: a chain of integrators
-    series, decays = zero_order_hold.input_series(0.05, lag_s)
+    series, decays = input_series(0.05, lag_s)
     for s in (0, 1, 5, 40):
         x = 0.05 / 2**s / lag_s
-        chain = np.diag(np.ones(zero_order_hold.DEGREE + 1), 1)
+        chain = np.diag(np.ones(DEGREE + 1), 1)
         chain[0, 0] = -x
         phi = expm(chain)[0, 1:] if x < 40 else None
         if phi is not None:
