@@ -35,7 +35,7 @@ export function createFlightPanels(element, address, isOver = false) {
     status: h("section", { "aria-label": "Status" }),
     monitors: h("p", { class: "flight-monitors", "aria-label": "Monitor in use", hidden: true }),
     limits: h("p", { "aria-label": "Limits in force", hidden: true }),
-    notice: h("div", { class: "notice", role: "status", hidden: true }),
+    notice: h("div.notice", { role: "status" }),
     alarm: h("section", { "aria-label": "Alarm" }),
     refused: h("p", { class: "marker-refused", role: "alert", hidden: true }),
     entry: h("section", { "aria-label": "Event in words", hidden: true }),
@@ -55,13 +55,13 @@ export function createFlightPanels(element, address, isOver = false) {
     transport: h("section", { "aria-label": "Transport" }),
     wall: h("section.wall", { "aria-label": "Wall", hidden: true }),
   };
-  const left = part("div", "strips-column", panels.alarm, panels.refused, panels.marker, panels.entry, panels.problem, panels.notice, panels.monitors, panels.limits, panels.address, panels.strips);
+  const left = part("div", "strips-column", panels.alarm, panels.refused, panels.marker, panels.entry, panels.problem, panels.monitors, panels.limits, panels.address, panels.strips);
   const scene = part("div", "scene-cell", panels.scene, panels.lost);
   const gauge = part("section", "gauge-panel", panels.gauge, panels.rest, panels.ahead);
   const events = { label: "Events", element: panels.events };
   const beside = isOver ? { events } : { scene: { label: "Scene", element: scene }, gauge: { label: "Gauge", element: gauge }, events, card: { label: "Test card", element: panels.card } };
   const right = part("div", "side-column", ...Object.values(beside).map((each) => each.element));
-  panels.view = part("div", "flight", h("h1", { class: "visually-hidden" }, "Flight"), panels.status, part("div", "fly", left, right), panels.transport, panels.wall);
+  panels.view = part("div", "flight", h("h1", { class: "visually-hidden" }, "Flight"), panels.status, h("div.fly", isOver && panels.notice, left, right), panels.transport, panels.wall);
   element.replaceChildren(panels.view);
   panels.arranged = arrangePanels(address, right, beside);
   panels.alone = showAlone(panels.view, address, panels.arranged);

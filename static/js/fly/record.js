@@ -70,7 +70,6 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
   panels.alarm.remove();
   panels.transport.remove();
   panels.address.remove();
-  panels.notice.hidden = false;
   const failure = errorLine();
   const fail = (error) => failure.show(reason(error));
   const small = { class: "button button-small" };
@@ -86,7 +85,6 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
       isOpen && button("End flight", askToEnd, { ...primary, title: "Complete the record from the samples that the server had received", ...needs("POST /flights/{}/end") }),
       isFromLive && button("Replay as it was shown", () => again({ kind: "journal", flight_id: flight.id }), { ...primary, ...flying }),
       button(isFromLive ? "Start another like it" : "Fly it again", () => again(flight.source, flight.name), { ...(isFromLive ? small : primary), ...flying }),
-      h("a", { ...small, href: "#/fly" }, "All flights"),
       flight.recording && h("a", { ...small, href: `#/recordings/${flight.recording}` }, "Recording"),
       createKeepButton({ api, path, keep: flight.keep, fail, attributes: small }),
       deleteButton({
@@ -148,7 +146,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
       return;
     }
     panels.notice.append(...summaryLines(flight.monitors, longest));
-    if (flight.monitors.length > 1) panels.notice.append(createComparison(api, path));
+    if (flight.monitors.length > 1) panels.strips.before(createComparison(api, path));
     draw({ lead: flight.monitors[0].lead, dt: monitor.dt }, longest, passes, held);
     const limitsPut = ({ name, version, t, by }) => ({
       event: { t, text: `limits in force: ${name} version ${version}, by ${by}`, seen: true },
