@@ -253,7 +253,7 @@ def test_a_point_on_hold_is_computed_with_its_monitor(
     campaign.press("Compute with its monitor")
     expect(campaign.next).to_contain_text("With its monitor at ε", timeout=LONG)
     expect(campaign.next).to_contain_text("flown without an alert in time")
-    expect(campaign.next).to_contain_text("Cleared up to0.5")
+    expect(campaign.next).to_contain_text("Cleared up to p-value0.5")
     expect(campaign.page.get_by_text("exceedance without an alert in time")).to_be_visible()
     expect(campaign.page.get_by_role("button", name="Compute with its monitor")).to_have_count(0)
 

@@ -7,7 +7,7 @@
 
 import { checkbox, fold, group, labelled, select, textInput } from "../forms/controls.js";
 import { asksForToken, needs, reason } from "../lib/api.js";
-import { button, errorLine, factList, h, link, sentences } from "../lib/dom.js";
+import { button, errorLine, factList, formatted, h, link, sentences } from "../lib/dom.js";
 import { createJobProgress } from "../lib/job_progress.js";
 import { decimal, figure, moment, percent } from "../lib/numbers.js";
 import { remember, remembered } from "../lib/storage.js";
@@ -165,7 +165,7 @@ function computed(clearing, { peak_deg: peak }) {
   const facts = [
     ["Predicted share of a limit", predictedWords(clearing)],
     ["p-value (high means risk)", p === null || withdrawn.length ? "–" : risk],
-    ["Cleared up to", below === null ? "–" : figure(below)],
+    ["Cleared up to p-value", below === null ? "–" : figure(below)],
     ...(epsilon ? [["With its monitor at ε", figure(epsilon, 2)]] : []),
     ["Computed from", steps.join(", ")],
   ];
@@ -181,7 +181,7 @@ function computed(clearing, { peak_deg: peak }) {
 }
 
 function checklist(items, boxes) {
-  const rows = items.map((item, k) => h("label.row.campaign-check", boxes[k], item));
+  const rows = items.map((item, k) => h("label.row.campaign-check", boxes[k], h("span", formatted(item))));
   return h("fieldset.panel.stack-tight", h("legend", "Confirm before flight"), rows);
 }
 

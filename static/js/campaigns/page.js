@@ -2,7 +2,7 @@
 
 import { drawnFigure } from "../charts/figure.js";
 import { needs, reason } from "../lib/api.js";
-import { deleteButton, guideLink, h, link, loading, loadingView, pageOf, sentences, table } from "../lib/dom.js";
+import { deleteButton, formatted, guideLink, h, link, loading, loadingView, pageOf, sentences, table } from "../lib/dom.js";
 import { UNDER_WAY } from "../lib/job_progress.js";
 import { figure, moment, percent } from "../lib/numbers.js";
 import { nextPoint } from "./next_point.js";
@@ -55,8 +55,7 @@ export function showCampaign(element, { id, api, navigate }) {
         }),
       ],
       h("p.dim", campaign.aircraft.join("; ")),
-      next.element,
-      conditions.map(buildUp),
+      h("div.stack.campaign-top", next.element, conditions.map(buildUp)),
       table({ columns: POINTS, items: points, row: ({ name }) => ({ "data-point": name }), classes: "table-points" }),
       isComputed &&
         h("p", `Probability that any computed clearance leads to an exceedance${unwarned}: at most ${percentAtMost(most)}, over the simulated aircraft and flights.`),
@@ -125,7 +124,7 @@ function identified(condition) {
   const last = condition.after.at(-1);
   const uncertain = last.parameters.filter(({ before }) => before[1] > 0);
   const shares = (k) => OUTPUTS.map((key, c) => `${key} ${figure(last.r2[k][c])}`).join(", ");
-  const fits = last.sources.map((source, k) => `${source}: R² ${shares(k)}`);
+  const fits = last.sources.map((source, k) => formatted(`${source}: R² ${shares(k)}`));
   const where = condition.condition && ` at ${condition.condition}`;
   const title = `Derivatives${where}, after ${last.sources.join(", ")}`;
   const words = "Each derivative after each point, 95 %; the last point is brightest. Shaded: 95 % of the values expected before the campaign.";

@@ -278,7 +278,7 @@ export function hiddenHead(words) {
 }
 
 function headCell(head, kind) {
-  return h("th", { scope: "col", class: kind === "number" ? "number" : null }, head);
+  return h("th", { scope: "col", class: kind?.startsWith("number") ? "number" : null }, head);
 }
 
 function cell([head, contentOf, kind = null], item, k) {
