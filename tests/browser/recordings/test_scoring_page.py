@@ -26,6 +26,13 @@ def test_every_verdict_has_a_word_and_says_what_is_promised(
     expect(lane).to_have_count(3)
     for k, word in enumerate(("QUIET", "LIMIT EXCEEDED, warned", ".*INVALID")):
         expect(lane.nth(k)).to_have_attribute("title", re.compile(f"^manoeuvre {k + 1}: {word}"))
+    cut = """lanes => lanes.flatMap((lane) => {
+        const whole = lane.querySelector(".lane-words").getBoundingClientRect();
+        const parts = [...lane.querySelectorAll(".lane-part")];
+        const seen = parts.filter((part) => part.getBoundingClientRect().top < whole.bottom);
+        return seen.filter((part) => part.scrollWidth > part.clientWidth);
+    }).length"""
+    assert lane.evaluate_all(cut) == 0
     verdicts = scored.locator(".verdict")
     for k, manoeuvre in enumerate(scoring["manoeuvres"]):
         expect(verdicts.nth(k)).to_contain_text(manoeuvre["guarantee"])

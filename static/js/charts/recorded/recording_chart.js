@@ -320,7 +320,7 @@ function createEventLane(element, { chosen }) {
     const words = h(
       "span.lane-words",
       h("span.lane-mark", { "aria-hidden": true }, item.mark ?? ""),
-      h("span.lane-long", item.text),
+      h("span.lane-long", item.text.split(/(?=, )/).map((part) => h("span.lane-part", part))), // each is seen whole, or not
       item.short && h("span.lane-short", item.short),
     );
     words.classList.toggle("lane-fits", Boolean(item.short));

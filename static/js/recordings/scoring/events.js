@@ -48,7 +48,7 @@ function ofExceedance({ t, channel, value, limit = null, doubt = "" }, channels,
   const measured = measuredBy(channels, channel);
   const beside = limit === null ? "" : `, limit ${magnitudeIn(measured, limit)}`;
   const text = `${measured.symbol} exceeds its limit${where}: ${quantity(measured, value)}${beside}${doubt && `, ${doubt}`}`;
-  return { t, text, level: "caution" };
+  return { t, text, level: "alert" };
 }
 
 function ofManoeuvre(manoeuvre, channels, alertAbove) {
