@@ -87,10 +87,10 @@ def _mostly(basis: ValidityBasis, outlier: Array | None) -> str:
     """Channel in which a forecast differs most from the nearest safe observation's."""
     if outlier is None or not np.isfinite(outlier).all():
         return ""
-    apart = np.abs(basis.safe_points - outlier / basis.reference.scale)
+    apart = basis.safe_points - outlier / basis.reference.scale
     with np.errstate(over="ignore"):
-        nearest = apart[np.square(apart).sum(axis=1).argmin()]
-    return f", mostly in forecast {basis.dictionary.keys[int(nearest.argmax())]}"
+        nearest = apart[np.einsum("ij,ij->i", apart, apart).argmin()]
+    return f", mostly in forecast {basis.dictionary.keys[int(np.abs(nearest).argmax())]}"
 
 
 def too_little(basis: ValidityBasis, deviation: Deviation) -> list[str]:
