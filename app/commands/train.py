@@ -55,6 +55,7 @@ from core.monitor import Monitor, MonitorRecipe
 from core.monitor.calibration import check_epsilon
 from core.monitor.training import check_lead
 from core.planned_test.collection import DatasetRecipe, SimulatedTest, card_of
+from core.planned_test.own import OwnTest
 from core.planned_test.planned_test import ManeuverTest
 from core.rollouts import doubts_of
 
@@ -173,7 +174,7 @@ def run_on_simulator(options: argparse.Namespace) -> int:
         dataset = simulated(test, executor)
         flights = dataset.flights()
         test.flown_by.check_unlike(flights.y)
-        with stage_bar("training") as show:
+        with stage_bar("training", test.flown_by.counts) as show:
             training = train_and_test(
                 dataset, recipe, n_test, show, executor, test=test, choose=choose
             )
@@ -191,7 +192,8 @@ def recipe_of(options: argparse.Namespace) -> TrainingRecipe:
 
 
 def simulated(test: SimulatedTest, executor: Executor | None = None) -> Dataset:
-    with progress_bar("unsafe rollouts") as progress:
+    counts = test.flown_by.counts if isinstance(test, OwnTest) else None
+    with progress_bar("unsafe rollouts", counts) as progress:
         return simulate(test, lambda _, done, total: progress(done, total), executor)
 
 

@@ -4,11 +4,13 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, field, replace
 from math import ceil
+from time import monotonic
 from typing import Any
 
 import numpy as np
 
 from app.recipes.recipes import own_code, simulated_test
+from core.counted import pace
 from core.dataset import FLOWN, Dataset
 from core.evaluation.certificate import USES
 from core.evaluation.method_choice import best_of, most_missed, plain_threshold, try_methods
@@ -170,8 +172,16 @@ class Training:
 def simulate(
     recipe: SimulatedTest, progress: Progress, executor: Executor | None = None
 ) -> Dataset:
+    begin = monotonic()
+
     def report(n_unsafe: int, n_made: int) -> None:
-        message = f"simulating: {n_unsafe} unsafe of {n_made} rollouts"
+        message, seconds = (
+            f"simulating: {n_unsafe} unsafe of {n_made} rollouts",
+            monotonic() - begin,
+        )
+        if n_unsafe and seconds:
+            left = seconds * (recipe.n_unsafe - n_unsafe) / n_unsafe
+            message += f", {pace(n_made / seconds, left)}"
         progress(message, n_unsafe, recipe.n_unsafe)
 
     return collect(recipe, executor=executor, progress=report)

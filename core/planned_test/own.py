@@ -1,7 +1,8 @@
 """Simulators of others: an object, checked and judged by limits, as a planned test."""
 
+from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
@@ -14,6 +15,7 @@ from core.monitor.group import GROUPINGS, Grouping
 from core.rollouts import LABEL, dictionary_of, labels, unlike
 from core.seeds import Branch, stream
 from core.simulation.python_simulator import (
+    FlightByFlight,
     OwnCodeError,
     numbers,
     parameters_of,
@@ -34,7 +36,7 @@ class OwnSimulator:
     the same, stopping(n, rng), see `Stops`, or one whose function returns y, and noise, which is
     added here. This has `fly` and `stopping` only if it has.
     name: for messages and provenance.   dictionary: its channels, and computed ones.
-    n_samples: of each flight; 0 if unknown as yet.
+    n_samples: of each flight; 0 if unknown as yet.   counts: of flights "asked" for and "flown".
     """
 
     own: Any
@@ -44,6 +46,7 @@ class OwnSimulator:
     dt: float
     specification: Specification = LABEL
     n_samples: int = 0
+    counts: Counter[str] = field(default_factory=Counter)
 
     def __post_init__(self) -> None:
         for name in ("fly", "stopping"):
@@ -78,7 +81,8 @@ class OwnSimulator:
         dt = numbers(own.dt, f"{name}: dt", needed)
         if dt.shape or not 0 < dt < np.inf:
             raise OwnCodeError(f"{name} has dt={own.dt}: {needed}")
-        return cls(own, name, channels, parameters_of(own), float(dt))
+        counts = own.counts if isinstance(own, FlightByFlight) else Counter[str]()
+        return cls(own, name, channels, parameters_of(own), float(dt), counts=counts)
 
     def judged(
         self, dictionary: Dictionary, limits: Limits | IntervalLimits | None, n_samples: int
@@ -192,8 +196,10 @@ class OwnSimulator:
 
     def _given(self, n: int, make: Callable[..., Any], *arguments: Any) -> tuple[Array, Any, Array]:
         """y (n, n_samples, n_measured), fail_index or None, and theta (n, n_parameters)."""
+        self.counts["asked"] += n
         with running(self.name, make):
             given = make(*arguments)
+        self.counts["flown"] = self.counts["asked"]
         if not isinstance(given, tuple | list) or len(given) != 3:
             what = f"type {type(given).__name__}"
             if isinstance(given, tuple | list):

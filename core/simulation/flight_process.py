@@ -110,6 +110,8 @@ class ModelSimulator(FlightByFlight):
                         else:
                             y[k] = outputs
                         k += 1
+                        with lock:
+                            self.counts["flown"] += 1
                 except _FlightError as error:
                     process.end()
                     values = dict(zip(names, theta[k].tolist(), strict=True))

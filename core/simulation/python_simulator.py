@@ -121,7 +121,7 @@ class FlightByFlight(ABC):
     inputs: npt.ArrayLike | Callable[[np.random.Generator], npt.ArrayLike]
     noise: Mapping[str, float] = field(default_factory=dict)
     distribution: Distribution = "normal"
-    drawn: Counter[bool] = field(default_factory=Counter, init=False, repr=False)
+    counts: Counter[str] = field(default_factory=Counter, init=False, repr=False)
 
     @property
     @abstractmethod
@@ -143,8 +143,8 @@ class FlightByFlight(ABC):
     def rollouts(self, n: int, rng: np.random.Generator) -> tuple[Array, None, Array]:
         theta = parameters_of(self).sample(n, rng)
         y, theta, n_redrawn = self.drawn_again(theta, self._inputs(n, rng))
-        self.drawn[False] += n
-        self.drawn[True] += n_redrawn
+        self.counts["drawn"] += n
+        self.counts["redrawn"] += n_redrawn
         return y, None, theta
 
     def fly(self, theta: Array, rng: np.random.Generator) -> tuple[Array, None, Array]:
@@ -157,11 +157,11 @@ class FlightByFlight(ABC):
     @property
     def redrawn(self) -> str:
         """How many rollouts had to be drawn again, in words; empty for none."""
-        if not (n := self.drawn[True]):
+        if not (n := self.counts["redrawn"]):
             return ""
         return (
-            f"{n} of {n + self.drawn[False]} rollouts could not be flown, such as aircraft without "
-            "trim, and were drawn again: the promise is for those that can"
+            f"{n} of {n + self.counts['drawn']} rollouts could not be flown, such as aircraft "
+            "without trim, and were drawn again: the promise is for those that can"
         )
 
     def drawn_again(self, theta: Array, inputs: list[Array]) -> tuple[Array, Array, int]:
@@ -258,6 +258,7 @@ class FunctionSimulator(FlightByFlight):
             if y.shape != (len(t), len(keys)):
                 raise OwnCodeError(f"{where}: outputs is {_short(outputs)}: {needed}")
             flights.append(y)
+            self.counts["flown"] += 1
         return np.array(flights) if flights else np.empty((0, 0, 0)), {}
 
 

@@ -4,17 +4,24 @@ import json
 import re
 import shutil
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing
+from io import StringIO
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import numpy as np
 import pytest
 
 from app.cli import main
+from app.commands.output import results
 from app.store.store import open_store
+from core.counted import pace
 from core.monitor import Monitor, load
+from core.planned_test.own import OwnSimulator
+from core.types import Array
 from tests.support import own_pitch
 from tests.support.api import api
 
@@ -231,3 +238,45 @@ def test_limits_that_last_and_computed_channels_are_judged(folder: Path, tmp_pat
     assert monitor.dictionary.keys[-1] == "load"
     assert monitor.envelope is not None
     assert np.isfinite(monitor.envelope.high).tolist() == [False] * 4 + [True]
+
+
+def test_flights_are_counted_as_they_are_flown():
+    """So that a slow simulator shows how far it is."""
+    seen: list[tuple[int, int]] = []
+
+    def fly(theta: dict[str, float], inputs: Array, t: Array) -> Any:
+        seen.append((own.counts["flown"], own.counts["asked"]))
+        return own_pitch.fly(theta, inputs, t)
+
+    own = OwnSimulator.of(own_pitch.declared(fly), "it")
+    own.outputs(2, 0)  # twice, to see whether they repeat
+    assert seen == [(0, 2), (1, 2), (2, 4), (3, 4)]
+    assert own.counts["flown"] == 4
+
+
+def test_flights_are_told_with_their_rate_and_the_time_left():
+    counts, now = Counter[str](), [10.0]
+    words = results.flights_in_words(counts, lambda: now[0])
+    assert words() == ""
+    counts["asked"] = 256
+    assert words() == "0 of 256 rollouts"
+    counts["flown"], now[0] = 16, 14.0
+    assert words() == "16 of 256 rollouts, 4 a second, 60 s left"
+    assert pace(1234.4, 7200.0) == "1234 a second, 2 h left"
+
+
+def test_a_log_gets_lines_on_the_progress(monkeypatch: pytest.MonkeyPatch):
+    class Log(StringIO):
+        told = Event()
+
+        def flush(self) -> None:
+            self.told.set()
+
+    counts = Counter(asked=8, flown=0)
+    monkeypatch.setattr(sys, "stderr", Log())
+    monkeypatch.setattr(results, "LINE_S", 1e-3)
+    with results.stage_bar("flying", counts) as show:
+        show("training", 1, 3)
+        Log.told.clear()
+        assert Log.told.wait(30)
+    assert "training: 1 of 3; 0 of 8 rollouts" in sys.stderr.getvalue()  # type: ignore

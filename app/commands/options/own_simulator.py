@@ -10,6 +10,7 @@ from typing import Any
 from app.commands.options.fmu_simulator import fmu_simulator
 from app.commands.options.jsbsim_simulator import PREFIX, jsbsim_simulator
 from app.commands.options.recipe import PATHS
+from app.commands.output.results import progress_bar
 from app.recipes.recipes import RecipeError
 from app.telemetry.limit_texts import specified
 from app.telemetry.rollouts import RolloutFile
@@ -89,7 +90,8 @@ def own_test(options: argparse.Namespace, t_early: float) -> OwnTest:
             f"{t_early:g} s: give its sample interval in seconds, or a longer --t-early"
         )
     test = OwnTest(simulator, **asked)
-    y = simulator.outputs(PILOT_FLIGHTS, test.seed)
+    with progress_bar("first rollouts", simulator.counts):
+        y = simulator.outputs(PILOT_FLIGHTS, test.seed)
     check_lead(t_early, (y.shape[1] - 1) * simulator.dt)
     first = RolloutFile(y, simulator.dt, simulator.dictionary)
     dictionary, limits, ahead = specified(first, options.channel or (), options.limit or ())

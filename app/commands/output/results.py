@@ -2,10 +2,18 @@
 
 import argparse
 import os
-from collections.abc import Callable, Iterator
+import sys
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Event, Thread
+from time import monotonic
 from typing import Any
+
+from core.counted import pace
+
+LINE_S = 30.0
+"""[s] From one line on the progress to the next, where there is no terminal."""
 
 
 def print_result(options: argparse.Namespace, text: str, plain: Any) -> None:
@@ -17,38 +25,84 @@ def print_result(options: argparse.Namespace, text: str, plain: Any) -> None:
     print(text)
 
 
+def flights_in_words(
+    counts: Mapping[str, int], clock: Callable[[], float] = monotonic
+) -> Callable[[], str]:
+    """What says how many flights were flown from now on, how fast, and when those asked for end.
+
+    counts: of flights, "flown" and "asked" for.
+    """
+    begin, before = clock(), counts["flown"]
+
+    def words() -> str:
+        flown, asked = counts["flown"] - before, counts["asked"] - before
+        told = f"{flown} of {max(flown, asked)} rollouts"
+        if flown <= 0:
+            return told * (asked > 0)
+        rate = flown / max(clock() - begin, 1e-9)
+        return f"{told}, {pace(rate, max(asked - flown, 0) / rate)}"
+
+    return words
+
+
 @contextmanager
-def stage_bar(label: str) -> Iterator[Callable[[str, int, int], None]]:
-    """Show a bar while the block runs. It yields a function to call with (stage, done, total)."""
+def stage_bar(
+    label: str, counts: Mapping[str, int] | None = None
+) -> Iterator[Callable[[str, int, int], None]]:
+    """Show a bar while the block runs, or a line each LINE_S where there is no terminal.
+
+    counts: see `flights_in_words`; they change while the block runs.
+    It yields a function to call with (stage, done, total).
+    """
     from rich.console import Console  # slow to import, not needed for help
     from rich.progress import (
         BarColumn,
         MofNCompleteColumn,
         Progress,
+        ProgressColumn,
         TextColumn,
         TimeRemainingColumn,
     )
+    from rich.text import Text
+
+    flights = (lambda: "") if counts is None else flights_in_words(counts)
+
+    class _Flights(ProgressColumn):
+        def render(self, task: Any) -> Text:
+            return Text(flights())
 
     console = Console(stderr=True)
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal
-    ) as bar:
-        task = bar.add_task(label, total=None)
-        yield lambda stage, done, total: bar.update(
-            task, description=stage, completed=done, total=total
-        )
+    stage, done = TextColumn("{task.description}"), MofNCompleteColumn()
+    columns = (stage, BarColumn(), done, TimeRemainingColumn())
+    if counts is not None:
+        columns = (stage, done, _Flights())
+    bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+    task, over = bar.add_task(label, total=None), Event()
+
+    def tell() -> None:
+        while not over.wait(LINE_S):
+            shown = bar.tasks[0]
+            done = "" if shown.total is None else f": {shown.completed:g} of {shown.total:g}"
+            words = filter(None, (f"{shown.description}{done}", flights()))
+            print("; ".join(words), file=sys.stderr, flush=True)
+
+    if bar.disable:
+        Thread(target=tell, daemon=True).start()
+    try:
+        with bar:
+            yield lambda stage, done, total: bar.update(
+                task, description=stage, completed=done, total=total
+            )
+    finally:
+        over.set()
 
 
 @contextmanager
-def progress_bar(label: str) -> Iterator[Callable[[int, int], None]]:
+def progress_bar(
+    label: str, counts: Mapping[str, int] | None = None
+) -> Iterator[Callable[[int, int], None]]:
     """A bar of one stage. It yields a function to call with (done, total)."""
-    with stage_bar(label) as show:
+    with stage_bar(label, counts) as show:
         yield lambda done, total: show(label, done, total)
 
 
