@@ -25,13 +25,20 @@ LOGGED_EVERY_S = 1.0
 
 LOGIN_PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Forewarn</title>
 <meta name="viewport" content="width=device-width">
-<style>:root{{color-scheme:light dark;font:max(16px,min(1vw,1.78vh)) system-ui}}
+<style>:root{{color-scheme:light dark;font:max(16px,min(1vw,1.78vh)) system-ui;
+background:light-dark(#fff,#090d12);color:light-dark(#0d141b,#f0f5fa)}}
 body{{display:grid;place-content:center;min-height:90vh}}
-input,button{{font:inherit;padding:.4em .6em}}</style>
+label,button,[role=alert]{{font-weight:700}}
+input,button{{font:inherit;padding:.5em .8em;border:1px solid #73879b;border-radius:.25em}}
+input{{min-width:20em}}
+button{{border:0;color:#fff;background:light-dark(#0a5a9c,#1f6fb2)}}
+[role=alert]{{color:light-dark(#945a00,#d08c10)}}
+[role=alert]:not(:empty)::before{{content:"\25c6  "}}</style>
 <form method="post" action="/login"><h1>Forewarn</h1>
 <p><label for="token">Token of this Forewarn server</label></p>
 <p><input id="token" name="token" type="password" required autofocus>
-<button>Enter</button></p><p role="alert">{message}</p></form></html>"""
+<button>Enter</button></p><p role="alert">{message}</p>
+<p>An admin makes a token: forewarn token create</p></form></html>"""
 
 
 class Login:

@@ -8,10 +8,10 @@
  */
 
 import { createAddress } from "./lib/address.js";
-import { api, loadMe, may } from "./lib/api.js";
+import { api, beginsBy, loadMe, may, notYours } from "./lib/api.js";
 import { chooseTime, clearZero, timeChoice, TIMES, useTime, watchZero } from "./lib/clock.js";
 import { createDemonstrationBar, demonstration } from "./lib/demonstration.js";
-import { button as buttonOf, h, link, openDialog, pageOf, state } from "./lib/dom.js";
+import { button as buttonOf, h, link, openDialog, pageOf, REFUSED, state } from "./lib/dom.js";
 import { capital, chooseUnits, tellUnits, UNIT_SYSTEMS, unitSystem, useUnits } from "./lib/numbers.js";
 import { chooseTheme, currentTheme, followTheme } from "./lib/storage.js";
 
@@ -21,14 +21,17 @@ const VIEWS = {
   fly: { title: "Fly", guide: "first-live-flight", load: () => import("./fly/index.js") },
   campaigns: { title: "Campaigns", guide: "campaigns", load: () => import("./campaigns/index.js") },
   recordings: { title: "Recordings", guide: "first-recording", load: () => import("./recordings/index.js") },
-  archives: { title: "Archives", guide: "first-recording", load: () => import("./recordings/archives.js") },
+  archives: { title: "Archives", under: "recordings", guide: "first-recording", load: () => import("./recordings/archives.js") },
   monitors: { title: "Monitors", guide: "first-monitor", load: () => import("./monitors/index.js") },
   limits: { title: "Limit sets", guide: "limit-sets", load: () => import("./limits/index.js") },
-  sets: { title: "Monitor sets", guide: "limit-sets", load: () => import("./sets/index.js") },
+  sets: { title: "Monitor sets", under: "monitors", guide: "limit-sets", load: () => import("./sets/index.js") },
   people: { title: "People and audit", guide: "several-people", load: () => import("./people/index.js") },
   storage: { title: "Storage", guide: "keeping-data", load: () => import("./storage/index.js") },
   datasets: { title: "Datasets", guide: "first-monitor", load: () => import("./datasets/index.js") },
 };
+
+/** In place of a view whose request the role does not allow. */
+const REFUSING = { show: (element) => (element.replaceChildren(pageOf("Not allowed", [], state("error", REFUSED, notYours()))), { close: () => {} }) };
 
 /** Of an address that no view has. */
 const UNKNOWN = {
@@ -108,7 +111,7 @@ async function open() {
   showUnits();
   showTime();
   for (const link of document.querySelectorAll(".nav a"))
-    link.ariaCurrent = link.getAttribute("href") === `#/${name}` ? "page" : null;
+    link.ariaCurrent = link.getAttribute("href") === `#/${view.under ?? name}` ? "page" : null;
   document.title = `${view.title} – Forewarn`;
   part("#help").href = guideOf(name, id);
   bar.goneTo(location.hash);
@@ -116,7 +119,8 @@ async function open() {
   shown = { close: () => {} };
   page.replaceChildren();
   try {
-    const { show } = await view.load();
+    const route = beginsBy(location.hash);
+    const { show } = route === undefined || may(route) ? await view.load() : REFUSING;
     if (mine !== turn) return;
     shown = show(page, { id: id || null, query, api, navigate });
   } catch (error) {

@@ -88,6 +88,13 @@ def test_each_role_sees_all_and_is_offered_what_it_may_do_and_no_more(
             page.locator('[data-flight="open"]').wait_for()
 
         vi = log_in("Vi", "viewer")
+        page.goto(f"{site.http}/#/monitors/new")
+        expect(page.locator(".state-error")).to_contain_text("You are logged in as viewer")
+        page.goto(f"{site.http}/#/sets")
+        expect(page.locator('.nav [aria-current="page"]')).to_have_text("Monitors")
+        page.goto(f"{site.http}/#/monitors")
+        expect(page.get_by_role("link", name="Monitor sets")).to_be_visible()
+        expect(page.get_by_role("link", name="Train a monitor")).to_be_hidden()
         offers_flights(False)
         for name in (*CONTROLS, "Acknowledge", "Change limits", "Note here"):
             expect(button(name)).to_have_count(0)

@@ -8,6 +8,8 @@
  *     closed while the page is hidden: a browser allows six connections to a server
  * may("POST /flights/{}/end")    by the server's own table; true until it has answered. It checks every request itself
  * needs(route) -> attributes     hide an element whose request the role does not allow
+ * beginsBy(hash) -> route | undefined     the request that a view of a form begins
+ * notYours() -> words     why a view is not shown
  *
  * `path` is "/monitors", or as in a Location header "/api/v1/jobs/3f9a".
  */
@@ -19,7 +21,11 @@ const ACCEPTED = "application/json, application/problem+json";
 const ENDED = ["done", "failed", "cancelled", "interrupted"];
 const AGAIN = 1000; // ms before it connects again
 const ROLE = "urn:forewarn:role";
-const NO_ANSWER = "The server does not answer. Check that `forewarn serve` is running, then try again.";
+const NO_ANSWER = "The server does not answer. Check that forewarn serve is running, then try again.";
+const BEGUN = {
+  "#/monitors/new": "POST /monitors", "#/monitors/combine": "POST /monitors/combinations", "#/monitors/compare": "POST /studies", "#/monitors/sweep": "POST /sweeps",
+  "#/datasets/new": "POST /datasets", "#/datasets/rollouts": "POST /datasets", "#/campaigns/new": "POST /campaigns",
+};
 
 export class ApiError extends Error {
   /** status: 0 where there was no answer */
@@ -166,3 +172,7 @@ export function asksForToken() {
 export function needs(route) {
   return may(route) ? {} : { "data-refused": true };
 }
+
+export const beginsBy = (hash) => BEGUN[hash.split("?")[0]];
+
+export const notYours = () => `You are logged in as ${me.role}, who may not do this: ask an admin for another role.`;

@@ -29,7 +29,7 @@
  * factList([[name, value]])    a fact in its own cell;   recipeList([[name, value, isHash]])   name beside value
  */
 
-import { api, needs, reason } from "./api.js";
+import { api, beginsBy, needs, reason } from "./api.js";
 import { trueMinus } from "./numbers.js";
 
 const PROPERTIES = ["value", "checked", "disabled", "open", "indeterminate"];
@@ -121,13 +121,15 @@ export function loading(text) {
 
 export const empty = (...parts) => state("empty", ...parts);
 
+export const REFUSED = "Not shown to your role";
+
 export function failure(error, again) {
   const isRefused = error.status === 403;
   const isFinal = isRefused || error.status === 404; // so is the next request
   const list = location.hash.split(/[/?]/, 2).join("/");
   const back = error.status === 404 && list !== location.hash ? [h("a.button", { href: list }, "Back to the list")] : [];
   const actions = again && !isFinal ? [button("Try again", again)] : back;
-  return state("error", isRefused ? "Not shown to your role" : "This could not be shown", reason(error), ...actions);
+  return state("error", isRefused ? REFUSED : "This could not be shown", reason(error), ...actions);
 }
 
 export function state(kind, title, text, ...actions) {
@@ -142,8 +144,8 @@ export function pageOf(title, actions, ...content) {
 }
 
 export function link(text, hash, primary = false) {
-  const starts = hash.startsWith("#/fly?") ? needs("POST /flights") : {};
-  return h("a", { class: primary ? "button button-primary" : "button", href: hash, ...starts }, text);
+  const route = hash.startsWith("#/fly?") ? "POST /flights" : beginsBy(hash);
+  return h("a", { class: primary ? "button button-primary" : "button", href: hash, ...(route && needs(route)) }, text);
 }
 
 export function button(text, pressed, attributes = {}) {

@@ -24,14 +24,13 @@ export function createDropZone({ aircraft, formats, done }) {
     label: "recorded telemetry file",
     hint: formats.length ? `Formats: ${formats.join(", ")}` : "",
     take: uploads.send,
-    ...needs("POST /recordings"),
   });
   const named = labelled("Aircraft", name, {
     hint: "Forewarn remembers the mapping for this aircraft and proposes it next time.",
   });
   const element = h(
     "section.panel.stack",
-    { "aria-label": "Upload" },
+    { "aria-label": "Upload", ...needs("POST /recordings") },
     h("div.upload-columns", zone.element, h("div", named.element, known.element)),
     uploads.element,
   );
