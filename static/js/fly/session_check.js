@@ -39,7 +39,7 @@ export function showSessionCheck(element, { query, api }) {
   async function build(_, monitors, sets, catalog, me) {
     if (monitors.length === 0) return pageOf("Session check", [], empty("No monitor yet", "The check needs a monitor.", link("Train a monitor", "#/monitors/new", true)));
     const results = new Map(Object.keys(NAMES).map((key) => [key, { result: "not done", text: key === "sound" ? UNHEARD : "" }]));
-    const monitor = select(monitors.map(({ id, name }) => [id, name]), { value: query.get("monitor") ?? monitors[0].id, onchange: again });
+    const monitor = select(monitors.map(({ id, name }) => [id, name]), { value: query.get("monitor") ?? fittingMonitor(monitors).id, onchange: again });
     const set = select([["", "the monitor's own"], ...sets.map(({ id, name, newest }) => [id, `${name}, version ${newest}`])], { onchange: again });
     const chosen = () => monitors.find(({ id }) => id === monitor.value);
     const failure = errorLine();
@@ -141,7 +141,7 @@ export function showSessionCheck(element, { query, api }) {
       }
       trips.sort((a, b) => a.took - b.took);
       const [best, worst] = [trips[0], trips.at(-1)];
-      say("link", worst.took <= SLOW, `round trip ${trips[TRIPS / 2].took.toFixed(0)} ms, longest of ${TRIPS} ${worst.took.toFixed(0)} ms (at most ${SLOW} ms)`);
+      say("link", worst.took <= SLOW, `round trip ${trips[TRIPS / 2].took.toFixed(0)} ms, longest ${worst.took.toFixed(0)} ms of ${TRIPS} (at most ${SLOW} ms)`);
       say("clock", Math.abs(best.apart) - best.took / 2 <= WRONG, `server ${(best.apart / 1000).toFixed(2).replace(/^-0\.00$/, "0.00").replace("-", "−")} s against this browser, ± ${(best.took / 2000).toFixed(2)} s (at most ${WRONG / 1000} s)`);
     }
 
