@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from core.limits.exceedance import MeasuredExceedance
-from core.monitor.assessment import Cause, State
-from core.monitor.status import AlarmKind, Level, cause_of
+from core.monitor.assessment import Cause
+from core.monitor.status import AlarmKind, Level
 
 ON_THE_WIRE = {"extra": "forbid", "use_attribute_docstrings": True}
 
@@ -47,11 +47,12 @@ class Alarm:
     """its number; part of the path of its acknowledgement"""
     cause: Cause | None = None
     """for kind `invalid`, as in a frame"""
+    arrived: float | None = None
+    """of a live flight: time since it began at which the sample arrived or was shown [s]; an
+    alarm warns from then on"""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "id", str(self.number))
-        if self.kind == "invalid":
-            object.__setattr__(self, "cause", cause_of(State.INVALID, self.reason or ""))
 
 
 FlightMarkerKey = Literal["abort", "knock_it_off", "call_cleared", "event"]

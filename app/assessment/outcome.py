@@ -81,7 +81,8 @@ class RecordedExceedance:
     """The first recorded sample that exceeds a limit. t: [s].   value: from trim, in its unit.
 
     limit: the limit exceeded where a limit set was in force; None for the monitor's own.
-    doubt: of one as recorded: NOT_PLAUSIBLE, TRIM_UNKNOWN, or none.
+    doubt: of one as recorded: NOT_PLAUSIBLE, TRIM_UNKNOWN, or none.   arrived: when the sample of a
+    live flight arrived [s]; None where that is not known.
     """
 
     t: float
@@ -89,6 +90,7 @@ class RecordedExceedance:
     value: float
     limit: float | None = None
     doubt: str = ""
+    arrived: float | None = None
 
 
 @dataclass(frozen=True)
@@ -196,9 +198,11 @@ def against_limits(
         value, recorded = values - trim[c], values + trace.bias
         low, high = _ends_at(t, c, limits, timeline)
         doubt = TRIM_UNKNOWN if np.isnan(trim[c]) else ""
+        arrived = None if traces.arrived is None else traces.arrived[part][known]
         for judged, results, why in ((value, exceedances, ""), (recorded, raw, doubt)):
             if len(over := onsets(t, judged, low, high)):
-                results.append(_exceedance(over[0], key, t, judged, low, high, timeline, why))
+                about = key, t, judged, low, high, timeline, why, arrived
+                results.append(_exceedance(over[0], *about))
         beyond = [(t, recorded, low, high, doubt)]
         if trace.sent is not None and (odd := ~known & np.isfinite(trace.sent[part])).any():
             at, sent = trace.t[part][odd], trace.sent[part][odd]
@@ -273,11 +277,13 @@ def _exceedance(
     high: Array,
     timeline: InForceTimeline | None,
     doubt: str = "",
+    arrived: Array | None = None,
 ) -> RecordedExceedance:
     """The exceedance at sample i."""
     exceeded = exceeded_end(float(low[i]), float(high[i]), float(value[i]))
     limit = None if timeline is None else exceeded
-    return RecordedExceedance(float(t[i]), key, float(value[i]), limit, doubt)
+    at = None if arrived is None else arrived.item(i)
+    return RecordedExceedance(float(t[i]), key, float(value[i]), limit, doubt, at)
 
 
 def _furthest(values: Array, low: float, high: float, rest: float) -> float | None:
@@ -344,6 +350,14 @@ def outcome(
     return ("timely_alert" if lead >= promised - SAME_TIME else "late_alert"), lead
 
 
+def warned_at(alert_t: float, shown: float, exceeded_t: float, arrived: float) -> float:
+    """Time that an alert counts from [s]: when it was shown, however old its sample was by then.
+
+    alert_t, exceeded_t: of the samples [s].   shown, arrived: of both, by another clock [s].
+    """
+    return max(alert_t, exceeded_t - max(0.0, arrived - shown))
+
+
 def lead_words(lead: float) -> str:
     """`1.34`: a lead in seconds, rounded down so that it never overstates."""
     return f"{floor(100.0 * (lead + SAME_TIME)) / 100.0:.2f}"
@@ -396,8 +410,12 @@ def begins_in_words(manoeuvre: Mapping[str, Any]) -> str:
 
 
 def verdict_of(manoeuvre: Mapping[str, Any], promised: float | None = None) -> str:
-    """The verdict on the exceedance of a manoeuvre (by field); "" where there was none."""
+    """The verdict on the exceedance of a manoeuvre (by field); "" where there was none.
+
+    promised: of scorings by earlier versions, which do not have it [s].
+    """
     if manoeuvre["exceedance"] is not None:
+        promised = manoeuvre.get("promised", promised)
         return exceedance_verdict(manoeuvre["outcome"], manoeuvre["lead"], promised)
     raw = manoeuvre.get("recorded_exceedance")
     return "" if raw is None else recorded_verdict(raw.get("doubt", ""))

@@ -28,6 +28,7 @@ from app.assessment.limits_history import (
     SetHistory,
     limits_over_time,
 )
+from app.assessment.outcome import RecordedExceedance, warned_at
 from app.assessment.planned_test import PlannedTest, needed_channels, planned_test
 from app.assessment.scored import BETWEEN
 from app.assessment.trim import CausalTrim, FollowedManoeuvre
@@ -91,20 +92,23 @@ class OnGrid(NamedTuple):
 
     judged: every received sample, by flight time, to judge the limits.
     begun: for each manoeuvre begun by hand, the row that it begins with.
+    shown: (n,) when each row of a live flight was shown [s]; None for others.
+    delay: of a live flight, subtracted from the lead of the monitor [s].
     """
 
     recording: Recording
     judged: Traces
     begun: tuple[int, ...] = ()
+    shown: Array | None = None
+    delay: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class RecordedFlight:
     """A recording and the monitor that scores it.
 
-    traces: repaired.   judged: every received sample, by flight time.   recording: on the monitor's
-    grid.   begun: rows with which a manoeuvre is begun by hand.   needed: (n_channels,) channels
-    the monitor needs.   timeline: limits in force over time; None where no limit set was in force.
+    traces: repaired.   grid: of the monitor.   needed: (n_channels,) channels the monitor needs.
+    timeline: limits in force over time; None where no limit set was in force.
     use: in the training of the monitor; empty for none.   members: of the monitor set that scores
     it, one by one as if alone; empty for one monitor.   frozen: of a live flight, as it said.
     """
@@ -112,10 +116,8 @@ class RecordedFlight:
     monitor: Monitor
     planned: PlannedTest
     traces: Traces
-    judged: Traces
     quality: Quality
-    recording: Recording
-    begun: tuple[int, ...]
+    grid: OnGrid
     needed: Flags
     notes: tuple[str, ...]
     timeline: InForceTimeline | None = None
@@ -123,12 +125,41 @@ class RecordedFlight:
     members: tuple[Monitor, ...] = ()
     frozen: tuple[FrozenPart, ...] = ()
 
+    @property
+    def recording(self) -> Recording:
+        return self.grid.recording
+
+    @property
+    def judged(self) -> Traces:
+        return self.grid.judged
+
+    @property
+    def promised(self) -> float:
+        """Lead time in effect [s], as in flight."""
+        return self.monitor.lead - self.grid.delay
+
+    def warned(
+        self, exceedance: RecordedExceedance | None, alerts: Sequence[tuple[float, float]]
+    ) -> tuple[tuple[float, float], ...]:
+        """Alerts (first and last time [s]) from when they warned of an exceedance, as in flight."""
+        shown = self.grid.shown
+        if shown is None or exceedance is None or exceedance.arrived is None:
+            return tuple(alerts)
+        t, arrived = exceedance.t, exceedance.arrived
+        rows = np.searchsorted(self.recording.t, [begin for begin, _ in alerts])
+        return tuple(
+            sorted(
+                (begin if begin > t else warned_at(begin, at, t, arrived), end)
+                for (begin, end), at in zip(alerts, shown[rows].tolist(), strict=True)
+            )
+        )
+
     @cached_property
     def manoeuvres(self) -> list[FollowedManoeuvre]:
         """As followed in flight."""
         in_force = None if self.timeline is None else self.timeline.changes(self.recording.t)
         trim = CausalTrim.of(*(self.members or (self.monitor,)))
-        return trim.follow(self.recording.y, self.begun, in_force)
+        return trim.follow(self.recording.y, self.grid.begun, in_force)
 
     @cached_property
     def place(self) -> Indices:
@@ -189,10 +220,8 @@ class RecordedFlight:
             monitor,
             planned,
             repaired.traces,
-            grid.judged,
             quality,
-            grid.recording,
-            grid.begun,
+            grid,
             needed,
             tuple(notes),
             timeline,
@@ -314,10 +343,11 @@ def on_grid(
     judged = traces
     if flown is not None:
         received_traces = replace(flown.traces, channels=flown.traces.channels | computed)
-        judged = _by_flight_time(received_traces, np.concatenate(times))
+        judged = _by_flight_time(received_traces, np.concatenate(times), flown.arrived)
     ahead = float((rows.shown - rows.t).max()) if flown is None else 0.0
     recording = _recording(rows, traces, (*traces.notes, *notes), ahead)
-    return OnGrid(recording, judged, tuple(rows_begun))
+    shown = None if flown is None else rows.shown
+    return OnGrid(recording, judged, tuple(rows_begun), shown, 0.0 if flown is None else delay)
 
 
 def _recording(
@@ -364,7 +394,7 @@ def _computed(received: Arrivals, dictionary: Dictionary) -> dict[str, Trace]:
     }
 
 
-def _by_flight_time(traces: Traces, flight_t: Array) -> Traces:
+def _by_flight_time(traces: Traces, flight_t: Array, arrived: Array) -> Traces:
     order = np.argsort(flight_t, kind="stable")
     t = flight_t[order]
     channels = {
@@ -376,7 +406,7 @@ def _by_flight_time(traces: Traces, flight_t: Array) -> Traces:
         )
         for key, trace in traces.channels.items()
     }
-    return Traces(channels, traces.notes)
+    return Traces(channels, traces.notes, arrived[order])
 
 
 def _by_time(

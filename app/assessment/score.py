@@ -417,10 +417,11 @@ def _verdict(
     rises = peak is not None and part["p_value"][peak] > smallest_epsilon(flight.monitor.n_unsafe)
     alerts = alert_times(part["t"], part["alert"])
     is_missing = peak is None and judged.is_missing
-    limited, promised = judged.limited, flight.monitor.lead
+    limited, promised = judged.limited, flight.promised
     withdrawal, own, onset = judged.withdrawal, judged.own, judged.segment.onset
     is_cut = goes_on or bool(judged.segment.ends_early)
     warned = alerts if limited.exceedance is None else (*earlier, *alerts)
+    warned = flight.warned(limited.exceedance, warned)
     result, lead = outcome(warned, limited.exceedance, promised, is_cut=is_cut, calls=calls)
     limits_known = flight.planned.limits_known or bool(judged.in_force)
     if not limits_known:
@@ -471,6 +472,7 @@ def _verdict(
         exceedance=limited.exceedance,
         recorded_exceedance=limited.recorded,
         lead=lead,
+        promised=promised,
         look_ahead=flight.recording.look_ahead,
         withdrawn_t=None if withdrawal is None else float(judged.assessments.t[withdrawal.first]),
         withdrawn_reason="" if withdrawal is None else withdrawal.reason,

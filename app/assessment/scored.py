@@ -89,7 +89,8 @@ class ScoredManoeuvre:
     exceedance: the first recorded sample that exceeds a limit, from trim.
     recorded_exceedance: without one, the first that exceeds it as recorded, with bias and trim;
     else the first that no aircraft can reach, or one as recorded that is earlier.
-    lead: from the first alert to the exceedance [s]; None where either is missing.
+    lead: from the first alert to the exceedance [s], in a live flight from when it was shown; None
+    where either is missing.   promised: lead time in effect [s].
     look_ahead: how long a sample waits for later ones in flight [s]; alerts come this much later.
     withdrawn_t: time from which the monitor is withdrawn to the end [s]; None if it is not.
     withdrawn_reason: the reason known at that time; `validity` covers the whole manoeuvre.
@@ -130,6 +131,7 @@ class ScoredManoeuvre:
     worst: tuple[RecordedExceedance, ...] = ()
     begins: float | None = None
     worst_recorded: tuple[RecordedExceedance, ...] = ()
+    promised: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from math import isfinite
 from typing import Any, Literal, NamedTuple
 
@@ -33,21 +34,19 @@ from app.assessment.trim import CausalTrim
 from core.channels import LATERAL
 from core.conditions import Condition, ConditionKey
 from core.flight_events import TrimChange
-from core.kernels import assessing
 from core.limits.exceedance import NOT_PLAUSIBLE, Exceeded, exceeded_at
 from core.limits.limits import Envelope
 from core.monitor import Assessment, Monitor, State
-from core.monitor.assessment import REASONS, Cause, withdrawn
+from core.monitor.assessment import Cause, withdrawn
 from core.monitor.monitor import Stream
 from core.monitor.peak_forecast import Ahead
-from core.monitor.status import Level
+from core.monitor.status import FILLING, Level
 from core.simulation.attitude import DisplayAttitude
 from core.types import Array
 
 TrimRule = Literal["detected", "none"]
 P, R = LATERAL.index("p"), LATERAL.index("r")
 NOT_FAR: Mapping[str, int] = {}
-NOT_FINITE = REASONS[assessing.INVALID]
 
 
 class LiveAssessed(NamedTuple):
@@ -85,7 +84,7 @@ class ReceivedExceedance(NamedTuple):
     t: flight time [s].   is_dated: False if the source's time is implausible; t is by arrival.
     y: (n_channels,) from trim, NaN where that is unknown.   recorded: the same including trim.
     limits: that it exceeds.   beyond: see Ruling.   is_plausible: False if `recorded` is a value
-    that no aircraft can reach; y is then NaN there.
+    that no aircraft can reach; y is then NaN there.   arrived: [s] of the clock of arrivals.
     """
 
     t: float
@@ -95,12 +94,16 @@ class ReceivedExceedance(NamedTuple):
     limits: Envelope
     beyond: str = ""
     is_plausible: bool = True
+    arrived: float | None = None
 
     def exceeded(self, keys: Sequence[str]) -> Exceeded:
         """keys: of the channels."""
         exceeded = exceeded_at(self.t, keys, self.limits, self.y, self.recorded)
         assert exceeded is not None
-        return exceeded if self.is_plausible else exceeded._replace(doubt=NOT_PLAUSIBLE)
+        measured = exceeded.measured
+        if not self.is_plausible:
+            measured = replace(measured, doubt=NOT_PLAUSIBLE)
+        return Exceeded(self.t, measured, self.arrived)
 
 
 class GridMonitor:
@@ -122,7 +125,7 @@ class GridMonitor:
         """
         unknown = np.full(len(self.monitor.dictionary), np.nan)
         self._stream.update(t - self.monitor.dt, unknown)
-        self._filling = f"filling the history: its condition, {case}, holds since {t:.2f} s"
+        self._filling = f"{FILLING}: its condition, {case}, holds since {t:.2f} s"
         self._unseen = needs_beginning(self.monitor, case, t) if is_moving else ""
 
     def restart(self, trim: Array) -> None:
@@ -143,8 +146,9 @@ class GridMonitor:
     def wait(self, sample: Sample, reason: str, cause: Cause) -> Assessment:
         """Assessment of a sample outside every manoeuvre. reason, cause: why there is none."""
         self._history.append(sample)
-        if missing := sample.reason or self._missing(sample.y):
-            return Assessment(sample.t, None, None, State.INVALID, missing)
+        if lost := self._lost(sample):
+            reason, cause = lost
+            return Assessment(sample.t, None, None, State.INVALID, reason, cause=cause)
         return Assessment(sample.t, None, None, State.WARMING_UP, reason, cause=cause)
 
     def _new_stream(self) -> Stream:
@@ -159,12 +163,21 @@ class GridMonitor:
         """Add to the reason which channels are missing or have no trim, or why all are."""
         if self._filling and assessment.state is State.WARMING_UP:
             return assessment._replace(reason=self._filling)
-        if assessment.reason != NOT_FINITE:
+        if assessment.cause is not Cause.LOST:
             return assessment
-        missing = sample.reason or self._missing(sample.y)
-        if not missing and (without := self._missing(y, "has no trim", "have no trim")):
-            missing = f"{without}: the aircraft moved before the manoeuvre"
-        return assessment._replace(reason=missing) if missing else assessment
+        if lost := self._lost(sample):
+            reason, cause = lost
+            return assessment._replace(reason=reason, cause=cause)
+        if without := self._missing(y, "has no trim", "have no trim"):
+            return withdrawn(sample.t, f"{without}: the aircraft moved before the manoeuvre")
+        return assessment
+
+    def _lost(self, sample: Sample) -> tuple[str, Cause] | None:
+        """Why a sample cannot be assessed, in words and in one; None if it can."""
+        if sample.reason:
+            return sample.reason, Cause.LOST
+        missing = self._missing(sample.y)
+        return (missing, Cause.MISSING) if missing else None
 
     def _missing(self, y: Array, one: str = "is missing", several: str = "are missing") -> str:
         """Unknown channels that the monitor needs, in words; empty if there are none."""
@@ -311,10 +324,10 @@ class CausalScorer:
         if limits is not None:
             y = sample.y if self._trim is None else sample.y - self._trim.level
             if limits.exceeds(y) or (y is not sample.y and limits.exceeds(sample.y)):
-                about = y, sample.y, limits, beyond
+                about = y, sample.y, limits, beyond, True, arrived
                 self._exceedances.append(ReceivedExceedance(t, is_dated, *about))
             elif sample.sent is not None and limits.exceeds(sample.sent):
-                about = y, sample.sent, limits, beyond, False
+                about = y, sample.sent, limits, beyond, False, arrived
                 self._exceedances.append(ReceivedExceedance(t, is_dated, *about))
         if self._grid.n_clock_steps > n_steps:
             self._checks.restart()

@@ -326,7 +326,7 @@ def _lines(
     elif manoeuvre.outcome == "invalid":
         yield "  warning lead time  INVALID"
     elif manoeuvre.peak_risk is not None and manoeuvre.exceedance is not None:
-        yield f"  warning lead time  {_lead(monitor, manoeuvre)}"
+        yield f"  warning lead time  {_lead(manoeuvre)}"
     moved = ", ".join(
         f"{channel.key} {channel.read(value)}"
         for channel, value in zip(monitor.dictionary.channels, manoeuvre.trim, strict=True)
@@ -382,7 +382,7 @@ def _place(exceedance: RecordedExceedance, dictionary: Dictionary, of_day: bool)
     return f"at {_time(exceedance.t, of_day)} ({exceedance.channel} {value}{doubt})"
 
 
-def _lead(monitor: Monitor, manoeuvre: ScoredManoeuvre) -> str:
+def _lead(manoeuvre: ScoredManoeuvre) -> str:
     if manoeuvre.outcome == "unseen":
         return "unknown"
     if manoeuvre.lead is None:
@@ -393,6 +393,6 @@ def _lead(monitor: Monitor, manoeuvre: ScoredManoeuvre) -> str:
     )
     return (
         f"{lead_words(manoeuvre.lead)} s from the first alert, {timely} the promised "
-        f"{monitor.lead:g} s"
+        f"{manoeuvre.promised:.4g} s"
         f"{ahead if manoeuvre.look_ahead else ''}"
     )

@@ -21,7 +21,7 @@ from typing import Any
 
 from app.assessment.input_checks import DOUBT_KINDS, Doubt
 from app.flights.clock import Clock
-from app.flights.verdict import MISSING, exceeds_from_trim
+from app.flights.verdict import exceeds_from_trim
 from core.flight_events import Alarm
 from core.limits.exceedance import NOT_PLAUSIBLE, Exceeded, MeasuredExceedance
 from core.monitor import Assessment, State
@@ -45,11 +45,11 @@ def gives_alarm(kind: AlarmKind, assessment: Assessment) -> bool:
     return assessment.state is State.INVALID and assessment.cause is not Cause.BETWEEN
 
 
-def certainty_of(exceedance: MeasuredExceedance, doubt: str) -> int:
+def certainty_of(exceedance: MeasuredExceedance) -> int:
     """2 from trim, 1 as recorded, 0 by a value beyond any plausible one."""
     if exceedance.judged != "recorded":
         return 2
-    return 0 if NOT_PLAUSIBLE in doubt else 1
+    return 0 if exceedance.doubt == NOT_PLAUSIBLE else 1
 
 
 class Onsets:
@@ -174,28 +174,29 @@ class Alarms:
         late: str = "",
         only: AlarmKind | None = None,
         beyond: str = "",
+        arrived: float | None = None,
     ) -> list[Alarm]:
         """Return the alarms that a sample raises, an exceedance first.
 
         index: the sample's number in its source; a loop repeats it.   late: why the source is late;
         empty if it is not.   only: the one kind to check, for an onset that a seek passes.
-        beyond: see Ruling.
+        beyond: see Ruling.   arrived: see Alarm.
         """
         t, state, reason = assessment.t, assessment.state, assessment.reason
         gives_cause = exceedance is not None or assessment.alert or late or state in ALARMING
         if not gives_cause and not self._may_be_active:
             return []
-        if state is State.INVALID and reason.endswith(MISSING) and reason not in self._missing:
+        if assessment.cause is Cause.MISSING and reason not in self._missing:
             self._onsets["invalid"].renew()
             self._missing.add(reason)
         if only is not None and ALARM_LEVELS[only] is Level.WARNING:
             self._onsets[only].is_active = False
-        at, measured, doubt = (t, None, "") if exceedance is None else exceedance
+        at, measured, received = (t, None, None) if exceedance is None else exceedance
         if measured is not None:
-            self._renew_limit(measured, doubt)
-        why_limit = "; ".join(filter(None, (beyond, doubt)))
+            self._renew_limit(measured)
+            beyond = "; ".join(filter(None, (beyond, measured.doubt)))
         conditions: tuple[tuple[AlarmKind, float, bool, str | None], ...] = (
-            ("limit", at, exceedance is not None, why_limit or None),
+            ("limit", at, exceedance is not None, beyond or None),
             ("risk", t, gives_alarm("risk", assessment), None),
             ("invalid", t, gives_alarm("invalid", assessment), reason),
             ("stale", clock.now(), bool(late) or state is State.STALE, late or reason),
@@ -209,6 +210,8 @@ class Alarms:
                 exceedance=measured if kind == "limit" else None,
                 reason=why,
                 raised=clock.utc(),
+                arrived=arrived if kind != "limit" or received is None else received,
+                cause=assessment.cause if kind == "invalid" else None,
             )
             for kind, when, is_active, why in conditions
             if only in (None, kind)
@@ -226,9 +229,9 @@ class Alarms:
 
         seq: of the newest grid sample.   reason: what is in doubt of it; empty for nothing.
         """
-        t, exceedance, _ = exceeded
-        self._renew_limit(exceedance, reason)
-        about = {"t": t, "exceedance": exceedance, "reason": reason or None}
+        t, exceedance, arrived = exceeded
+        self._renew_limit(exceedance)
+        about = {"t": t, "exceedance": exceedance, "reason": reason or None, "arrived": arrived}
         return self._begin("limit", seq, t, clock, seq, **about)
 
     def note_late(self, seq: int, index: int, t: float, reason: str, clock: Clock) -> list[Alarm]:
@@ -260,9 +263,9 @@ class Alarms:
             return []
         return [self._raise(kind, seq=seq, p_value=None, raised=clock.utc(), **about)]
 
-    def _renew_limit(self, exceedance: MeasuredExceedance, doubt: str) -> None:
+    def _renew_limit(self, exceedance: MeasuredExceedance) -> None:
         """Take an exceedance that is more certain than the latest alarm for a new onset."""
-        if certainty_of(exceedance, doubt) > self._certainty:
+        if certainty_of(exceedance) > self._certainty:
             self._onsets["limit"].renew()
 
     def _raise(self, kind: AlarmKind, **about: Any) -> Alarm:
@@ -277,7 +280,7 @@ class Alarms:
         if alarm.level is not Level.WARNING:
             return
         if alarm.exceedance is not None:
-            self._certainty = certainty_of(alarm.exceedance, alarm.reason or "")
+            self._certainty = certainty_of(alarm.exceedance)
         evidence, t = self._evidence, attrgetter("t")
         if alarm.kind == "risk":
             first = evidence.get("from trim")

@@ -17,11 +17,9 @@ from app.flights.display_monitors import stated_delay
 from app.flights.verdict import (
     BEFORE,
     Circumstances,
+    SampleCause,
     first_exceedance,
     is_jump,
-    is_lost,
-    is_rest,
-    is_withdrawn,
     longest_manoeuvre,
     n_before,
     no_verdict,
@@ -32,7 +30,8 @@ from app.flights.verdict import (
     verdict_of_recording,
 )
 from app.messages import Verdict
-from app.store.flights import FlightInfo
+from app.store.assessments import UNKNOWN, StoredAssessments
+from app.store.flights import FlightInfo, NewestState
 from app.store.monitors import MonitorInfo
 from app.store.store import NotFound, Store
 from core.channels import Dictionary
@@ -40,20 +39,23 @@ from core.flight_events import Alarm
 from core.limits.exceedance import ChannelExceedances, Exceedances, Exceeded, exceeded_at
 from core.limits.limits import envelope_of, specification_from_plain
 from core.monitor import State
-from core.monitor.assessment import STATES, Cause
+from core.monitor.assessment import CAUSES, DATA_MISSING, RESTS, STATES, Cause
 from core.monitor.status import Facts, Headline, Level, cause_of, headline
+from core.types import Indices
 
-RUNNING, INVALID = "running", STATES.index(State.INVALID)
-NO_SAMPLE = STATES.index(State.WARMING_UP), "no sample came"
-"""State and reason of a flight that ended before its first sample."""
+RUNNING = "running"
+NO_SAMPLE: NewestState = STATES.index(State.WARMING_UP), "no sample came", None
+"""Of a flight that ended before its first sample."""
+INVALID, STALE = STATES.index(State.INVALID), STATES.index(State.STALE)
+LOST, REST = ([CAUSES.index(cause) for cause in causes] for causes in (DATA_MISSING, RESTS))
 
 
 class Summary(BaseModel):
     """What a list shows of an ended flight; stored when it ends.
 
-    exceeded_t: first exceedance [s].   state, reason: code of its newest sample's state, and why
-    it was not assessed.   verdict: none if it surely exceeded none.   is_assessed: whether a
-    sample was; None in summaries of earlier versions.
+    exceeded_t: first exceedance [s].   state, reason, cause: of its newest sample, the state by its
+    code.   verdict: none if it surely exceeded none.   is_assessed: whether a sample was.
+    is_assessed, cause: None in summaries of earlier versions.
     """
 
     exceeded_t: float | None
@@ -63,6 +65,7 @@ class Summary(BaseModel):
     verdict: Verdict | None
     exceedances: list[ChannelExceedances]
     is_assessed: bool | None = None
+    cause: Cause | None = None
 
 
 class Record(NamedTuple):
@@ -122,7 +125,7 @@ def summary_of(store: Store, info: FlightInfo) -> Summary:
     used = [monitor]
     if flown is not None:
         used = [store.monitors.info(case.monitor) for case in flown.info.cases]
-    state, reason = store.flights.last_state(info.id) or NO_SAMPLE
+    state, reason, cause = store.flights.last_state(info.id) or NO_SAMPLE
     return Summary(
         exceeded_t=min(exceeded, default=None),
         state=state,
@@ -133,6 +136,7 @@ def summary_of(store: Store, info: FlightInfo) -> Summary:
         else _doubt(store, info, used, alarms),
         exceedances=_exceedances(store, info, monitor, alarms),
         is_assessed=STATES[state] is State.OK or store.flights.is_assessed(info.id),
+        cause=cause,
     )
 
 
@@ -143,7 +147,7 @@ def _record(summary: Summary, n_open: Counter[Level]) -> Record:
         caution=n_open[Level.CAUTION] > 0
         or (summary.verdict is not None and summary.verdict.exceeded_t is None),
         invalid=state is State.INVALID,
-        no_data=(summary.state, summary.reason) == NO_SAMPLE,
+        no_data=(summary.state, summary.reason) == NO_SAMPLE[:2],
         unassessed=summary.is_assessed is False,
         calibrated=summary.is_calibrated,
         exceeded_t=summary.exceeded_t,
@@ -153,7 +157,7 @@ def _record(summary: Summary, n_open: Counter[Level]) -> Record:
         verdict=summary.verdict,
         exceedances=summary.exceedances,
         reason=summary.reason,
-        cause=cause_of(state, summary.reason),
+        cause=summary.cause or cause_of(state, summary.reason),
         open_alarms=n_open[Level.WARNING],
         open_cautions=n_open[Level.CAUTION],
     )
@@ -237,29 +241,42 @@ def _of_manoeuvres(
 ) -> Verdict | None:
     """The verdict on a live flight whose samples were not all assessed, or end too early."""
     stored = store.flights.assessments(info.id)
-    about = [*zip([STATES[code] for code in stored.state], stored.reasons, strict=True)]
-    rests = np.array([is_rest(*each) for each in about])
-    lost = np.array([is_lost(*each) for each in about])
-    begun = (stored.state == OK) | ((stored.state == WARMING_UP) & ~rests)
-    edges = [-1, *np.flatnonzero(rests).tolist(), len(about)]
-    for rest, stop in pairwise(edges):
-        is_end = stop == len(about) and lost[rest + 1 : stop].any()
-        if not (begun[rest + 1 : stop].any() or is_end):
+    number = stored.manoeuvre if (stored.manoeuvre != UNKNOWN).all() else _by_causes(stored)
+    withdrawn = (stored.state == INVALID) & ~np.isin(stored.cause, LOST)
+    state = np.where(withdrawn | (stored.state == STALE), OK, stored.state)
+    edges = [0, *(1 + np.flatnonzero(np.diff(number))).tolist(), len(number)]
+    for first, stop in pairwise(edges):
+        if not number[first]:
             continue
-        part = slice(rest + 1 + int(begun[rest + 1 : stop].argmax()), stop)
-        state = np.where(lost[part], INVALID, np.where(begun[part], stored.state[part], OK))
-        why = why_alert_unknown(stored.t[part], state, monitor.dt)
-        if why and not stored.alert[part].any():
+        why = why_alert_unknown(stored.t[first:stop], state[first:stop], monitor.dt)
+        if why and not stored.alert[first:stop].any():
             return no_verdict("unseen", why)
-        if stop < len(about):
+        if stop < len(number):
             continue
         planned = known_test(store.monitors.get(info.monitor_id))
-        n_trim = 0 if rests.any() else round(planned.trim_segment_s / planned.dt)
-        if why := too_short(stop - 1 - part.start - n_trim, planned):
-            alerts = tuple((a.t, a.t) for a in alarms if a.kind == "risk" and a.seq >= part.start)
+        n_trim = 0 if (number == 0).any() else round(planned.trim_segment_s / planned.dt)
+        if why := too_short(stop - 1 - first - n_trim, planned):
+            alerts = tuple((a.t, a.t) for a in alarms if a.kind == "risk" and a.seq >= first)
             calls = [m.t for m in store.flight_markers.of(info.id) if m.level is not Level.NONE]
             return no_verdict(outcome(alerts, None, 0.0, is_cut=True, calls=calls)[0], why)
     return None
+
+
+def _by_causes(stored: StoredAssessments) -> Indices:
+    """(n,) numbers of the manoeuvres of a flight that an earlier version stored.
+
+    A manoeuvre begins with the first sample between two rests that is assessed, or would be once
+    the history is full; one without any counts if samples are lost at the end of the flight.
+    """
+    number = np.zeros(len(stored), np.int64)
+    rests = np.isin(stored.cause, REST)
+    begun = (stored.state == OK) | ((stored.state == WARMING_UP) & ~rests)
+    for rest, stop in pairwise([-1, *np.flatnonzero(rests).tolist(), len(stored)]):
+        part = slice(rest + 1, stop)
+        is_end = stop == len(stored) and np.isin(stored.cause[part], LOST).any()
+        if begun[part].any() or is_end:
+            number[rest + 1 + int(begun[part].argmax()) : stop] = stop
+    return number
 
 
 def _limited(info: FlightInfo, used: Sequence[MonitorInfo]) -> set[str]:
@@ -297,11 +314,8 @@ def before_exceedance(
 ) -> tuple[bool, bool, str]:
     """`jumped`, `withdrawn` and `unassessed` of the Circumstances of the first exceedance."""
     stored = store.flights.assessments(flight_id, max(first.seq - n_before(lead, dt), 0), first.seq)
-    states = [STATES[code] for code in stored.state]
-    withdrawn = (
-        is_withdrawn(state, reason, cause_of(state, reason))
-        for state, reason in zip(states[-1:], stored.reasons[-1:], strict=True)
-    )
-    samples = zip(stored.t.tolist(), states, stored.reasons, strict=True)
+    about = zip(stored.t.tolist(), stored.state, stored.cause, strict=True)
+    samples = [SampleCause(t, STATES[state], CAUSES[cause]) for t, state, cause in about]
+    withdrawn = any(sample.is_withdrawn for sample in samples[-1:])
     jumped = is_jump(stored.t[-BEFORE - 1 :], dt)
-    return jumped, any(withdrawn), unassessed(first.t, samples, lead, dt)
+    return jumped, withdrawn, unassessed(first.t, samples, lead, dt)

@@ -29,9 +29,9 @@ from app.flights.verdict import (
     BEFORE,
     UNASSESSED,
     Circumstances,
+    SampleCause,
     first_exceedance,
     is_jump,
-    is_withdrawn,
     longest_manoeuvre,
     n_before,
     planned_length,
@@ -194,7 +194,7 @@ class Flight(ABC):
         self._sent = self._current
         self._has_new_evidence = False
         n = n_before(monitor.lead, monitor.dt)
-        self._newest = deque[tuple[float, State, str]](maxlen=n + 1)
+        self._newest = deque[SampleCause](maxlen=n + 1)
         self._before_exceedance = False, False, ""
 
     @property
@@ -526,23 +526,25 @@ class Flight(ABC):
         *,
         recorded: Array,
         far: Mapping[str, int],
+        manoeuvre: int = 0,
+        arrived: float | None = None,
     ) -> None:
         """Record, check and encode one sample; `_show` follows once per burst.
 
         display: assessments by the monitors for display.   recorded: y including trim.
-        far: see TrimCheck.
+        far: see TrimCheck.   manoeuvre: see Recorder.   arrived: see Alarm.
         """
         seq = self._recent.head + 1
-        self.recorder.add(seq, y, assessment, display)
+        self.recorder.add(seq, y, assessment, display, manoeuvre)
         sent = round(due * 1e3, 3)
         about = y, assessment, exceedance, attitude, display, sent
         self._follow(*about, recorded=recorded, far=far)
         about = assessment, exceedance, self.clock, self._late
         beyond = beyond_of(self.in_force.ruling)
-        if raised := self.alarms.update(seq, index, *about, beyond=beyond):
+        if raised := self.alarms.update(seq, index, *about, beyond=beyond, arrived=arrived):
             self._raise_alarms(raised)
         if self._has_new_evidence:
-            self._judge(seq, assessment)
+            self._judge(seq)
 
     def _follow(
         self,
@@ -570,7 +572,7 @@ class Flight(ABC):
         about = display, taken, ahead, attitude, is_integrated, sensor
         frame = plain_frame(self._recent.head + 1, y, assessment, sent, *about)
         self._recent.append(encode_frame(frame))
-        self._newest.append((assessment.t, assessment.state, assessment.reason))
+        self._newest.append(SampleCause(assessment.t, assessment.state, assessment.cause))
         self.t, self._assessment, self._pose = assessment.t, assessment, (attitude, y)
         self._exceeds = exceedance is not None
         at, named, _ = (assessment.t, None, "") if exceedance is None else exceedance
@@ -637,8 +639,8 @@ class Flight(ABC):
         seq = max(self.head, 0)
         if raised := self.alarms.exceed(seq, exceeded, reason, self.clock):
             self._raise_alarms(raised)
-        if self._has_new_evidence and self._assessment is not None:
-            self._judge(seq, self._assessment)
+        if self._has_new_evidence and self._newest:
+            self._judge(seq)
         elif self._has_new_evidence:
             self.judge((False, False, UNASSESSED))
 
@@ -649,14 +651,13 @@ class Flight(ABC):
             about = self.head, self._position, doubts, self.clock
             self._raise_alarms(self.alarms.note_doubts(*about))
 
-    def _judge(self, seq: int, assessment: Assessment) -> None:
+    def _judge(self, seq: int) -> None:
         first = first_exceedance(self.alarms.evidence)
         if first is not None and first.seq == seq:
-            about = assessment.state, assessment.reason, assessment.cause
             monitor = self.plan.monitor
             jumped = is_jump(np.array([t for t, *_ in self._newest][-BEFORE - 1 :]), monitor.dt)
             why = unassessed(first.t, self._newest, monitor.lead, monitor.dt)
-            self._before_exceedance = jumped, is_withdrawn(*about), why
+            self._before_exceedance = jumped, self._newest[-1].is_withdrawn, why
         self.judge(self._before_exceedance)
 
     def judge(self, before_exceedance: tuple[bool, bool, str]) -> None:

@@ -18,6 +18,7 @@ from app.store.store import NotFound, Store
 from app.telemetry.journal import Journals
 from core.channels import Dictionary
 from core.flight_events import Alarm, FlightMarker, TrimChange
+from core.monitor.assessment import CAUSES
 
 NAME, ACCEPT_USELESS = "name", "accept_useless"
 """Stored with the source of a flight."""
@@ -146,7 +147,8 @@ class FlightRecords:
             display = [
                 stored_assessment(t, shown.samples[i], shown.reasons[i]) for shown in stored.display
             ]
-            assessment = stored_assessment(t, sample, stored.reasons[i], known)
+            why = stored.reasons[i], known, CAUSES[stored.cause[i]]
+            assessment = stored_assessment(t, sample, *why)
             frames.append(plain_frame(int(stored.seq[i]), stored.y[i], assessment, None, display))
         return frames
 

@@ -26,7 +26,7 @@ from core.counted import counted
 from core.flight_events import Alarm, FlightLimits, FlightMarker
 from core.limits.exceedance import ChannelExceedances
 from core.monitor import Assessment
-from core.monitor.assessment import code_of
+from core.monitor.assessment import CAUSES, code_of
 from core.types import Array, Flags
 
 LOG = logging.getLogger("forewarn")
@@ -53,6 +53,7 @@ class RecordedSample(NamedTuple):
     y: Array
     assessment: Assessment
     display: tuple[Assessment, ...] = ()
+    manoeuvre: int = 0
 
 
 class PendingEvent:
@@ -129,10 +130,16 @@ class Recorder:
         return " and ".join(parts) or "status and time of its end"
 
     def add(
-        self, seq: int, y: Array, assessment: Assessment, display: tuple[Assessment, ...] = ()
+        self,
+        seq: int,
+        y: Array,
+        assessment: Assessment,
+        display: tuple[Assessment, ...] = (),
+        manoeuvre: int = 0,
     ) -> None:
+        """manoeuvre: number of the one that the sample is part of, 0 for none."""
         self.n_added += 1
-        self._samples.append(RecordedSample(seq, y, assessment, display))
+        self._samples.append(RecordedSample(seq, y, assessment, display, manoeuvre))
         if len(self._samples) > MOST_WAITING:
             del self._samples[:BATCH]
             self.lost += BATCH
@@ -302,6 +309,8 @@ class Recorder:
             ),
             [assessment.reason for assessment in assessments],
             display,
+            [CAUSES.index(assessment.cause) for assessment in assessments],
+            [sample.manoeuvre for sample in batch],
         )
 
     def _write_event(self, event: Event) -> None:

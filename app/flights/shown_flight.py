@@ -24,7 +24,7 @@ from app.telemetry.journal import lines_of
 from core.limits.exceedance import Exceeded
 from core.limits.limits import Envelope
 from core.monitor import Assessment
-from core.monitor.assessment import code_of
+from core.monitor.assessment import CAUSES, Cause, code_of
 from core.simulation.attitude import DisplayAttitude
 from core.types import Array, Indices
 
@@ -41,6 +41,7 @@ def shown_type(n_channels: int) -> np.dtype:
             ("p_value", "<f8"),
             ("alert", "?"),
             ("state", "u1"),
+            ("cause", "u1"),
             ("y_hat", "<f8", (n_channels,)),
             ("attitude", "<f8", (3,)),
             ("is_integrated", "?"),
@@ -68,6 +69,7 @@ class ShownFlight(StoredScript):
         self._far: list[Mapping[str, int]] = []
         self._came: list[float] = []
         self.near = 2.0 * setup.dt
+        self._is_detected = setup.trim == "detected"
         self._received: dict[int, list[ReceivedExceedance]] = {}
         self.keys = setup.monitor.dictionary.keys
         samples = np.fromiter(self._read(setup, flight_id), shown_type(len(self.keys)))
@@ -93,6 +95,12 @@ class ShownFlight(StoredScript):
     def far(self, k: int) -> Mapping[str, int]:
         return self._far[k]
 
+    def manoeuvre(self, k: int) -> int:
+        return self.samples["manoeuvre"].item(k) if self._is_detected else 1
+
+    def arrived(self, k: int) -> float:
+        return self.samples["shown"].item(k)
+
     def judged(self, k: int) -> Array:
         return self.samples["judged"][k]
 
@@ -112,6 +120,9 @@ class ShownFlight(StoredScript):
 
     def _reason(self, k: int) -> str:
         return self.reasons[k]
+
+    def _cause(self, k: int) -> Cause | None:
+        return CAUSES[self.samples["cause"][k]]
 
     def display(self, k: int) -> tuple[Assessment, ...]:
         return self._display[k]
@@ -233,6 +244,7 @@ def _row(assessed: LiveAssessed, display: DisplayAttitude | None) -> tuple[Any, 
         np.nan if assessment.p_value is None else assessment.p_value,
         bool(assessment.alert),
         code_of(assessment.state),
+        CAUSES.index(assessment.cause),
         np.full(len(assessed.y), np.nan) if assessment.y_hat is None else assessment.y_hat,
         attitude,
         isinstance(attitude, IntegratedAngles),

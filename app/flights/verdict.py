@@ -18,15 +18,16 @@ from app.assessment.outcome import (
     outcome,
     recorded_verdict,
     verdict_of,
+    warned_at,
     warning_words,
 )
 from app.assessment.validity import LONGER
 from app.messages import Verdict
 from app.recipes.recipes import from_plain
 from core.flight_events import Alarm
-from core.limits.exceedance import NOT_PLAUSIBLE, SAME_TIME, TRIM_UNKNOWN
+from core.limits.exceedance import SAME_TIME
 from core.monitor import State
-from core.monitor.assessment import REASONS, Cause, code_of
+from core.monitor.assessment import DATA_MISSING, RESTS, Cause, code_of
 from core.planned_test.collection import DatasetRecipe
 from core.types import Array
 
@@ -36,10 +37,6 @@ WORST: tuple[Outcome, ...] = ("missed", "late_alert", "unseen", "invalid", "time
 """Outcomes of the exceedances of a recording, of which the first here is the flight's."""
 NOT_FLOWN = f"{EXCEEDED}, samples before it not flown"
 UNASSESSED = exceedance_verdict("unseen", None)
-FILLING = "filling the history"
-"""Start of the reasons of a monitor that warms up within a manoeuvre."""
-MISSING = "is missing", "are missing"
-"""Ends of a reason that names missing channels."""
 
 
 class Circumstances(NamedTuple):
@@ -50,7 +47,7 @@ class Circumstances(NamedTuple):
     could not warn.
     withdrawn: the monitor was not applicable by then; without an alarm it has not missed.
     unassessed: the verdict if no sample could warn of it, see `unassessed`; else empty.
-    live: a warning counts from when its alarm was raised, however old its sample was by then.
+    live: alarms stored without `arrived` count from when they were raised.
     longest: [s] an earlier alert belongs to another manoeuvre.
     """
 
@@ -65,13 +62,27 @@ class Circumstances(NamedTuple):
 AS_FLOWN = Circumstances()
 
 
+class SampleCause(NamedTuple):
+    """A sample at t [s], and why it was not assessed."""
+
+    t: float
+    state: State
+    cause: Cause | None = None
+
+    @property
+    def is_withdrawn(self) -> bool:
+        """Whether the monitor was not applicable; missing data withdraw nothing."""
+        is_other = self.cause is Cause.BETWEEN or self.cause in DATA_MISSING
+        return self.state is State.INVALID and not is_other
+
+
 def verdict(alarms: Iterable[Alarm], circumstances: Circumstances = AS_FLOWN) -> Verdict | None:
     """How the first exceedance from trim was warned of; None without an exceedance."""
     alarms, (promised, jumped, withdrawn, unassessed, live, longest) = [*alarms], circumstances
     jumped &= not live
     first, raw = first_exceedance(alarms), _first(alarms)
     if first is None:
-        return None if raw is None else _as_recorded(raw.t, raw.reason or "")
+        return None if raw is None else _as_recorded(raw.t, raw)
     alerts = sorted(
         _warned(alarm, first, live)
         for alarm in alarms
@@ -127,8 +138,7 @@ def verdict_of_recording(
         return _verdict(t, lead, text, worst["outcome"], promised)
     if (first := first_exceedance(alarms)) is not None:
         return Verdict(exceeded_t=first.t, lead=None, text=OUTSIDE)
-    raw = _first(alarms)
-    return _as_recorded(min(reached), (raw and raw.reason) or "")
+    return _as_recorded(min(reached), _first(alarms))
 
 
 def not_flown(t: float) -> Verdict:
@@ -160,43 +170,22 @@ def n_before(lead: float, dt: float) -> int:
     return max(BEFORE, ceil(2.0 * lead / dt) + 1)
 
 
-def unassessed(
-    t: float, samples: Iterable[tuple[float, State, str]], lead: float = 0.0, dt: float = 1.0
-) -> str:
+def unassessed(t: float, samples: Iterable[SampleCause], lead: float = 0.0, dt: float = 1.0) -> str:
     """The verdict on an exceedance that no sample could warn of in time; else empty.
 
-    t: of the exceedance [s].   samples: the newest ones by then: t [s], state and reason.
-    lead, dt: of the monitor [s].
+    t: of the exceedance [s].   samples: the newest ones by then.   lead, dt: of the monitor [s].
     """
-    before = [sample for sample in samples if sample[0] < t - SAME_TIME]
-    known = [(state, reason) for _, state, reason in before if not is_lost(state, reason)]
-    if not any(state is State.OK for state, _ in known):
-        return OUTSIDE if known and is_rest(*known[-1]) else UNASSESSED
-    rests = [k for k, (_, state, reason) in enumerate(before) if is_rest(state, reason)]
+    before = [sample for sample in samples if sample.t < t - SAME_TIME]
+    known = [sample for sample in before if sample.cause not in DATA_MISSING]
+    if not any(sample.state is State.OK for sample in known):
+        return OUTSIDE if known and known[-1].cause in RESTS else UNASSESSED
+    rests = [k for k, sample in enumerate(before) if sample.cause in RESTS]
     part = before[rests[-1] + 1 if rests else 0 :]
     if not part:
         return ""
-    codes = [
-        code_of(State.OK if is_withdrawn(state, reason, None) else state)
-        for _, state, reason in part
-    ]
-    times = np.array([at for at, *_ in part])
+    codes = [code_of(State.OK if each.is_withdrawn else each.state) for each in part]
+    times = np.array([each.t for each in part])
     return UNASSESSED if len(lost_chance(times, np.array(codes, np.int64), t, lead, dt)) else ""
-
-
-def is_rest(state: State, reason: str) -> bool:
-    """Whether a live flight waits for a manoeuvre at a sample."""
-    return state is State.WARMING_UP and not reason.startswith(FILLING)
-
-
-def is_lost(state: State, reason: str) -> bool:
-    """Whether a sample, or a channel of it, is missing."""
-    return state is State.INVALID and (reason in REASONS or reason.endswith(MISSING))
-
-
-def is_withdrawn(state: State, reason: str, cause: Cause | None) -> bool:
-    """Whether a monitor was not applicable to a sample; a lost sample withdraws nothing."""
-    return state is State.INVALID and not is_lost(state, reason) and cause is not Cause.BETWEEN
 
 
 def _verdict(t: float, lead: float | None, text: str, result: Outcome, promised: float) -> Verdict:
@@ -206,17 +195,20 @@ def _verdict(t: float, lead: float | None, text: str, result: Outcome, promised:
     return Verdict(exceeded_t=t, lead=lead, text=text, warning=warning)
 
 
-def _as_recorded(t: float, reason: str = "") -> Verdict:
-    doubt = next((doubt for doubt in (NOT_PLAUSIBLE, TRIM_UNKNOWN) if doubt in reason), "")
+def _as_recorded(t: float, alarm: Alarm | None) -> Verdict:
+    measured = None if alarm is None else alarm.exceedance
+    doubt = "" if measured is None else measured.doubt
     return Verdict(exceeded_t=t, lead=None, text=recorded_verdict(doubt))
 
 
 def _warned(risk: Alarm, exceedance: Alarm, live: bool) -> float:
     """Flight time at which an alarm warned of an exceedance [s]."""
+    if risk.arrived is not None and exceedance.arrived is not None:
+        return warned_at(risk.t, risk.arrived, exceedance.t, exceedance.arrived)
     if not live:
         return risk.t
-    raised = datetime.fromisoformat(exceedance.raised) - datetime.fromisoformat(risk.raised)
-    return max(risk.t, exceedance.t - max(0.0, raised.total_seconds()))
+    raised = [datetime.fromisoformat(alarm.raised).timestamp() for alarm in (risk, exceedance)]
+    return warned_at(risk.t, raised[0], exceedance.t, raised[1])
 
 
 def _first(alarms: Iterable[Alarm]) -> Alarm | None:

@@ -24,7 +24,7 @@ from app.telemetry.mapping.mapping import Mapping as TimedMapping
 from core.channels import Dictionary
 from core.limits.limits import specification_from_plain
 from core.monitor import Assessment, State
-from core.monitor.assessment import REASONS, STATES
+from core.monitor.assessment import REASONS, STATES, Cause
 from core.monitor.status import BETWEEN, cause_of
 from core.monitor.validity.verdict import in_words
 from core.types import Array
@@ -144,11 +144,17 @@ def _unused(info: ScoringInfo, t: float) -> str:
     return before[-1]["reason"] if before else ""
 
 
-def stored_assessment(t: float, sample: Any, reason: str, y_hat: Array | None = None) -> Assessment:
-    """The assessment of a sample stored with p_value, alert and state."""
+def stored_assessment(
+    t: float, sample: Any, reason: str, y_hat: Array | None = None, cause: Cause | None = None
+) -> Assessment:
+    """The assessment of a sample stored with p_value, alert and state.
+
+    cause: None to go by the reason.
+    """
     state = STATES[sample["state"]]
     if state is not State.OK:
-        return Assessment(float(t), None, None, state, reason, cause=cause_of(state, reason))
+        cause = cause or cause_of(state, reason)
+        return Assessment(float(t), None, None, state, reason, cause=cause)
     risk = float(sample["p_value"]), bool(sample["alert"])
     return Assessment(float(t), *risk, state, reason, y_hat)
 

@@ -10,8 +10,9 @@ from sqlalchemy import func, select, update
 from app.store.repository import NotFound, Repository, columns, require
 from app.store.tables import alarms, flight_markers, flights, new_id, now
 from core.flight_events import Alarm, FlightMarker
-from core.limits.exceedance import MeasuredExceedance
-from core.monitor.status import Level
+from core.limits.exceedance import DOUBTS, MeasuredExceedance
+from core.monitor.assessment import State
+from core.monitor.status import Level, cause_of
 
 _ALARMS = select(alarms.c.flight_id, *columns(alarms, Alarm)).order_by(alarms.c.number)
 
@@ -56,8 +57,14 @@ class AlarmRepository(Repository):
 
 
 def _alarm(row: Mapping[Any, Any]) -> Alarm:
+    """Earlier versions stored doubt and cause in words alone."""
     about = {**row, "level": Level(row["level"]), "stored": True}
-    about["exceedance"] = row["exceedance"] and MeasuredExceedance(**row["exceedance"])
+    reason = row["reason"] or ""
+    if row["exceedance"]:
+        by_reason = next((doubt for doubt in DOUBTS if doubt in reason), "")
+        about["exceedance"] = MeasuredExceedance(**{"doubt": by_reason} | row["exceedance"])
+    if row["kind"] == "invalid":
+        about["cause"] = row["cause"] or cause_of(State.INVALID, reason)
     del about["id"], about["flight_id"]
     return Alarm(**about)
 

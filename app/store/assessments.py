@@ -16,18 +16,30 @@ from sqlalchemy import Row
 
 from app.store.database import Damaged, to_text
 from app.store.datasets import from_blob, to_blob
-from core.monitor.assessment import REASONS
+from core.monitor.assessment import CAUSES, REASONS, STATES
+from core.monitor.status import cause_of
 from core.types import Array
 
-FIELDS = ("t", "y", "p_value", "alert", "state", "y_hat")
+FIELDS = ("t", "y", "p_value", "alert", "state", "y_hat", "cause", "manoeuvre")
 """Of a stored sample."""
+UNKNOWN = -1
+"""Manoeuvre of samples stored by earlier versions."""
 DISPLAY = np.dtype([("p_value", "<f8"), ("alert", "?"), ("state", "u1")])
 """Result of a display monitor for one sample; fields as in FIELDS."""
 DIGEST_BYTES = hashlib.sha256().digest_size
 
 
 def sample_type(n_channels: int) -> np.dtype:
-    """Type of an assessed sample; `state` is an index into core.monitor.assessment.STATES."""
+    """Type of an assessed sample.
+
+    state, cause: indices into STATES and CAUSES of core.monitor.assessment.   manoeuvre: number of
+    the one that it is part of, 0 for none.
+    """
+    return np.dtype([*_without_cause(n_channels).descr, ("cause", "u1"), ("manoeuvre", "<i4")])
+
+
+def _without_cause(n_channels: int) -> np.dtype:
+    """Type of a sample stored by earlier versions."""
     channels = ("<f8", (n_channels,))
     return np.dtype(
         [
@@ -73,6 +85,10 @@ class StoredAssessments:
     """(n,) indices into core.monitor.assessment.STATES"""
     y_hat: Array
     """(n, n_channels), NaN without a forecast"""
+    cause: npt.NDArray[np.uint8]
+    """(n,) indices into core.monitor.assessment.CAUSES"""
+    manoeuvre: npt.NDArray[np.int32]
+    """(n,) number of the manoeuvre, 0 for none, UNKNOWN for samples of earlier versions"""
     reasons: tuple[str, ...]
     """(n,) why a sample was not assessed"""
     display: tuple[StoredDisplay, ...] = ()
@@ -123,11 +139,13 @@ def chunk_of(row: Row) -> Chunk:
     is_verified = _digest(without_digest) == content[-DIGEST_BYTES:]
     try:
         samples = from_blob(content)
-        is_sample = samples.dtype == sample_type(samples["y"].shape[1])
+        n_channels = samples["y"].shape[1]
+        is_sample = samples.dtype in (sample_type(n_channels), _without_cause(n_channels))
         is_whole = is_sample and len(samples) == row.last_seq - row.first_seq + 1
         if not is_whole or not (is_verified or _ends_with_samples(content, samples)):
             raise Damaged("its digest does not match")
         reasons = reasons_of(samples["state"], row.reasons or ())
+        samples = _with_cause(samples, reasons)
         display = display_of(row.display, row.display_reasons)
     except (Damaged, IndexError, TypeError, ValueError) as error:
         raise Damaged(
@@ -149,6 +167,20 @@ def _ends_with_samples(content: bytes, samples: npt.NDArray) -> bool:
     """Whether nothing follows the array, as in chunks stored without a digest."""
     header_bytes = 10 + int.from_bytes(content[8:10], "little")
     return len(content) == header_bytes + samples.nbytes
+
+
+def _with_cause(samples: npt.NDArray, reasons: Sequence[str]) -> npt.NDArray:
+    """Samples of earlier versions as those of this one."""
+    if samples.dtype.names == FIELDS:
+        return samples
+    about = [samples[name] for name in _without_cause(1).names or ()]
+    return pack(*about, causes_of(samples["state"], reasons), np.full(len(samples), UNKNOWN))
+
+
+def causes_of(state: npt.ArrayLike, reasons: Sequence[str]) -> list[int]:
+    """Causes by the reasons, of samples whose causes are not known."""
+    about = zip(np.asarray(state).tolist(), reasons, strict=True)
+    return [CAUSES.index(cause_of(STATES[code], reason)) for code, reason in about]
 
 
 def pack(*fields: Any) -> npt.NDArray:

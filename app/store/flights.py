@@ -24,8 +24,10 @@ from sqlalchemy import (
 from app.store.answers import note_deleted, was_deleted
 from app.store.assessments import (
     FIELDS,
+    UNKNOWN,
     StoredAssessments,
     StoredDisplay,
+    causes_of,
     chunk_of,
     chunk_row,
     joined,
@@ -57,13 +59,19 @@ from app.store.tables import (
 )
 from core.channels import LATERAL
 from core.conditions import ConditionKey
-from core.monitor.assessment import STATES, State, code_of
+from core.monitor.assessment import CAUSES, REASONS, STATES, Cause, State, code_of
 from core.types import Array
 
 INTERRUPTED = "interrupted"
 Progress = Literal["running", "ended", "failed", "interrupted"]
-DAMAGED = STATES.index(State.INVALID), "the stored samples are damaged: restore a backup"
-"""State and reason of a flight whose newest samples cannot be read."""
+NewestState = tuple[int, str, Cause | None]
+"""State code, reason and cause of a sample."""
+DAMAGED: NewestState = (
+    STATES.index(State.INVALID),
+    "the stored samples are damaged: restore a backup",
+    None,
+)
+"""Of a flight whose newest samples cannot be read."""
 ROWS_AT_ONCE = 100
 """Chunks read at once by a check."""
 CHUNK = 1000
@@ -280,16 +288,23 @@ class FlightRepository(Entries[FlightInfo]):
         y_hat: npt.ArrayLike | None = None,
         reasons: Sequence[str] | None = None,
         display: Sequence[StoredDisplay] = (),
+        cause: Sequence[int] | None = None,
+        manoeuvre: npt.ArrayLike | None = None,
     ) -> None:
         """Store the next samples of a flight, numbered from first_seq.
 
         t: (n,) [s].   y: (n, n_channels).   p_value: (n,), NaN if none.   alert: (n,) bool.
         state: (n,) indices into STATES.   y_hat: (n, n_channels), None or NaN without a forecast.
         reasons: (n,) why a sample was not assessed; None for the default of its state.
-        display: assessments by each display monitor.
+        display: assessments by each display monitor.   cause: (n,) indices into CAUSES; None to go
+        by the reasons.   manoeuvre: (n,) see StoredAssessments.
         ValueError for wrong shapes and for samples that are already stored.
         """
-        samples = pack(t, y, p_value, alert, state, y_hat)
+        if cause is None:
+            cause = causes_of(state, reasons or [REASONS[code] for code in np.asarray(state)])
+        if manoeuvre is None:
+            manoeuvre = np.full(len(cause), UNKNOWN)
+        samples = pack(t, y, p_value, alert, state, y_hat, cause, manoeuvre)
         chunks = [
             chunk_row(
                 flight_id,
@@ -369,8 +384,8 @@ class FlightRepository(Entries[FlightInfo]):
         found = self._by_flight(query, flight_ids)
         return {flight_id: row["source"] for flight_id, (row,) in found.items()}
 
-    def last_state(self, flight_id: str) -> tuple[int, str] | None:
-        """State code and reason of the newest stored sample, DAMAGED where it is; None if none."""
+    def last_state(self, flight_id: str) -> NewestState | None:
+        """Of the newest stored sample, DAMAGED where it is; None if none."""
         chunk = assessment_chunks.c
         query = select(assessment_chunks).where(chunk.flight_id == flight_id)
         with self._reading() as connection:
@@ -381,7 +396,8 @@ class FlightRepository(Entries[FlightInfo]):
             newest = chunk_of(row)
         except Damaged:
             return DAMAGED
-        return int(newest.samples["state"][-1]), newest.reasons[-1]
+        sample = newest.samples[-1]
+        return int(sample["state"]), newest.reasons[-1], CAUSES[sample["cause"]]
 
     def is_assessed(self, flight_id: str) -> bool:
         """Whether a stored sample has an assessment; damaged ones do not count."""

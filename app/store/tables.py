@@ -263,6 +263,8 @@ alarms = Table(
     _plain("exceedance", nullable=True),
     Column("reason", Text),
     _plain("channels", nullable=True),
+    Column("cause", String(32)),
+    Column("arrived", Float),
     _time("raised", nullable=False),
     _time("acknowledged"),
     Column("by", Text),

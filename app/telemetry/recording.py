@@ -64,7 +64,11 @@ class Trace:
 
 @dataclass(frozen=True, eq=False)
 class Traces:
-    """Channels of a file by key. notes: assumptions and changes, oldest first."""
+    """Channels of a file by key. notes: assumptions and changes, oldest first.
+
+    arrived: (n,) of the samples of a live flight, on their one clock [s]; None for others.
+    """
 
     channels: dict[str, Trace]
     notes: tuple[str, ...] = field(default=())
+    arrived: Array | None = None

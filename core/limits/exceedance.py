@@ -25,6 +25,7 @@ NOT_PLAUSIBLE = "beyond any plausible value: check the sensor"
 """Doubt of an exceedance by a value that no aircraft can reach."""
 TRIM_UNKNOWN = "trim unknown"
 """Doubt of an exceedance as recorded, of which it is unknown whether it is one from trim."""
+DOUBTS = NOT_PLAUSIBLE, TRIM_UNKNOWN
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,17 +41,19 @@ class MeasuredExceedance:
     judged: Judged
     """value that exceeds it: `from_trim`, which the monitor and every verdict use,
     as `recorded`, or both"""
+    doubt: str = ""
+    """of one as recorded: beyond any plausible value, or trim unknown; else empty"""
 
 
 class Exceeded(NamedTuple):
     """A measured exceedance and the time of the sample that the sensor gave [s].
 
-    doubt: NOT_PLAUSIBLE, TRIM_UNKNOWN, or none.
+    arrived: time at which it arrived [s], on another clock; None where that is not known.
     """
 
     t: float
     measured: MeasuredExceedance
-    doubt: str = ""
+    arrived: float | None = None
 
 
 @dataclass(slots=True)
@@ -137,7 +140,7 @@ def exceeded_at(
     if measured is None:
         return None
     is_known = measured.judged != "recorded" or isfinite(y[keys.index(measured.channel)])
-    return Exceeded(t, measured, "" if is_known else TRIM_UNKNOWN)
+    return Exceeded(t, measured if is_known else replace(measured, doubt=TRIM_UNKNOWN))
 
 
 def _furthest(

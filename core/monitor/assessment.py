@@ -23,8 +23,10 @@ class State(StrEnum):
 
 
 class Cause(StrEnum):
-    """Causes of `invalid` for which views use another word; and, of `warming_up`, what a flight
-    between manoeuvres waits for: trim at rest, stillness, or the next input."""
+    """Causes of `invalid`: outside every manoeuvre, other limits in force, needed channels missing,
+    or the sample lost to its time, rate or an implausible value; none where the monitor was
+    withdrawn by its validity. And, of `warming_up`, what a flight between manoeuvres waits for:
+    trim at rest, stillness, or the next input."""
 
     BETWEEN = "between_manoeuvres"
     NOT_APPLICABLE = "not_applicable"
@@ -32,8 +34,16 @@ class Cause(StrEnum):
     REST = "rest"
     MOVING = "moving"
     READY = "ready"
+    MISSING = "missing"
+    LOST = "lost"
 
 
+CAUSES = None, *Cause
+"""Causes by the code that is stored; a new one goes to the end."""
+RESTS = frozenset({Cause.REST, Cause.MOVING, Cause.READY})
+"""Causes of a sample between the manoeuvres of a live flight."""
+DATA_MISSING = frozenset({Cause.MISSING, Cause.LOST})
+"""Causes that withdraw nothing."""
 STATES = State.OK, State.WARMING_UP, State.STALE, State.INVALID
 """States of assessments by the code that the compiled kernels use."""
 _CODES = {state: code for code, state in enumerate(STATES)}
@@ -118,6 +128,13 @@ class Withdrawal(NamedTuple):
     reason: str
 
 
+def without_p_value(t: float, code: int) -> Assessment:
+    """Assessment of a sample for which a kernel gives a state alone. code: of the state."""
+    state = STATES[code]
+    cause = Cause.LOST if state is State.INVALID else None
+    return Assessment(t, None, None, state, REASONS[code], cause=cause)
+
+
 def withdrawn(t: float, reason: str, cause: Cause | None = None) -> Assessment:
     """Assessment of a sample outside the monitor's validity."""
     return Assessment(t, None, None, State.INVALID, reason, cause=cause)
@@ -156,12 +173,11 @@ class Assessments:
         if self.withdrawal is not None and k >= self.withdrawal.first:
             return withdrawn(float(self.t[k]), self.withdrawal.reason)
         t, code = float(self.t[k]), int(self.state[k])
-        state, reason = STATES[code], REASONS[code]
-        if state is not State.OK:
-            return Assessment(t, None, None, state, reason)
+        if STATES[code] is not State.OK:
+            return without_p_value(t, code)
         y_hat = self.y_hat[k] if np.isfinite(self.y_hat[k]).all() else None
         p_value, alert, score = (float(self.p_value[k]), bool(self.alert[k]), float(self.score[k]))
-        fields = p_value, alert, state, reason, y_hat, score
+        fields = p_value, alert, State.OK, "", y_hat, score
         group = self._group_name(k)
         return Assessment(t, *fields, alert_above=self.alert_above, group=group)
 

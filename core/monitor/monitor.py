@@ -23,14 +23,13 @@ from core.limits.limits import (
     specification_to_plain,
 )
 from core.monitor.assessment import (
-    REASONS,
-    STATES,
     Assessment,
     Assessments,
     Exemplar,
     State,
     Withdrawal,
     withdrawn,
+    without_p_value,
 )
 from core.monitor.calibration import alert_above, check_epsilon, p_values, smallest_epsilon
 from core.monitor.file import portable
@@ -521,7 +520,7 @@ class Stream:
         if self._groups is not None and is_fresh:
             self._groups.update(y)
         if code != assessing.OK:
-            return Assessment(t, None, None, STATES[code], REASONS[code])
+            return without_p_value(t, code)
         group = None
         if self._groups is not None:
             p, group = self._groups.p_value(s), self._groups.name

@@ -7,7 +7,7 @@ from enum import StrEnum
 from functools import lru_cache
 from typing import Literal, NamedTuple
 
-from core.monitor.assessment import Cause, State
+from core.monitor.assessment import REASONS, Cause, State
 
 
 class Status(StrEnum):
@@ -108,6 +108,8 @@ BETWEEN = "between manoeuvres"
 """Reason of samples between manoeuvres, which are not assessed."""
 NO_MANOEUVRE = "no manoeuvre is under way"
 """Start of that reason in a live flight, while it waits for the next input."""
+FILLING = "filling the history"
+"""Start of the reasons of a monitor that warms up within a manoeuvre."""
 NOT_APPLICABLE, LIMITS_UNKNOWN = "not applicable", "limits unknown"
 """Start of the reason if other limits than the monitor's are in force, or if they are unknown."""
 CAUSE_WORDS = {
@@ -119,12 +121,17 @@ CAUSE_WORDS = {
 """Words shown instead of INVALID or WARMING UP."""
 
 
+@lru_cache(maxsize=1024)
 def cause_of(state: State, reason: str) -> Cause | None:
-    """Cause of a stored assessment, from its reason, because the cause is not stored."""
-    if state is State.WARMING_UP and reason.startswith(f"{NO_MANOEUVRE}:"):
-        return Cause.READY
+    """Cause of an assessment that was stored without one, from its reason."""
+    if state is State.WARMING_UP and not reason.startswith(FILLING):
+        return Cause.READY if reason.startswith(f"{NO_MANOEUVRE}:") else Cause.REST
     if state is not State.INVALID:
         return None
+    if reason in REASONS:
+        return Cause.LOST
+    if reason.endswith(("is missing", "are missing")):
+        return Cause.MISSING
     if reason == BETWEEN:
         return Cause.BETWEEN
     if reason.startswith(f"{NOT_APPLICABLE}:"):

@@ -408,7 +408,8 @@ class LiveFlight(Flight):
         They come first: the sensor's own sample gives an exceedance its time and value.
         """
         for sample, exceeded in self._judged(self._due(until)):
-            reasons = "" if sample.is_dated else TIME_UNKNOWN, sample.beyond, exceeded.doubt
+            unknown = "" if sample.is_dated else TIME_UNKNOWN
+            reasons = unknown, sample.beyond, exceeded.measured.doubt
             self._exceed(exceeded, "; ".join(filter(None, reasons)))
 
     def _due(self, until: float = inf) -> list[ReceivedExceedance]:
@@ -638,7 +639,13 @@ class LiveFlight(Flight):
         y, assessment, exceeded, attitude = self._flown(assessed)
         about = due, self.head + 1, attitude, assessed.display
         shown = y, assessment, exceeded, *about
-        self._fly(*shown, recorded=assessed.recorded, far=assessed.far)
+        self._fly(
+            *shown,
+            recorded=assessed.recorded,
+            far=assessed.far,
+            manoeuvre=assessed.manoeuvre if self._setup.trim == "detected" else 1,
+            arrived=assessed.shown,
+        )
 
     def _flown(self, assessed: LiveAssessed) -> tuple[Array, Assessment, Exceeded | None, Angles]:
         judged, recorded, ruling = assessed.judged, assessed.recorded, assessed.ruling
@@ -659,7 +666,7 @@ class LiveFlight(Flight):
             return None
         channel = self._implausible.measured.channel
         is_missing = np.isnan(recorded[self._keys.index(channel)])
-        return self._implausible._replace(t=t) if is_missing else None
+        return self._implausible._replace(t=t, arrived=None) if is_missing else None
 
     def _settle_later(self) -> None:
         deadline = self.scorer.deadline

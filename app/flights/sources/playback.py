@@ -23,7 +23,7 @@ from core.flight_events import TrimChange
 from core.limits.exceedance import Exceeded, exceeded_at
 from core.limits.limits import Envelope
 from core.monitor import Assessment, Monitor, State
-from core.monitor.assessment import STATES, code_of
+from core.monitor.assessment import STATES, Cause, code_of
 from core.monitor.peak_forecast import Ahead, RunningForecast
 from core.types import Array, Flags, Indices
 
@@ -132,6 +132,14 @@ class Script(ABC):
         """Channels whose trim at sample k is a notable share of their limit, see TrimCheck."""
         return {}
 
+    def manoeuvre(self, k: int) -> int:
+        """Number of the manoeuvre that sample k is part of, 0 for none or where not known."""
+        return 0
+
+    def arrived(self, k: int) -> float | None:
+        """When sample k of a live flight was shown in it, see Alarm."""
+        return None
+
     def judged(self, k: int) -> Array:
         """Sample k from trim, (n_channels,), NaN where that is unknown."""
         return self.y(k)
@@ -192,11 +200,15 @@ class StoredScript(Script):
         sample = self.samples[k]
         y_hat = sample["y_hat"] if self._forecasts else None
         reason = "" if STATES[sample["state"]] is State.OK else self._reason(k)
-        return stored_assessment(sample["t"], sample, reason, y_hat)
+        return stored_assessment(sample["t"], sample, reason, y_hat, self._cause(k))
 
     @abstractmethod
     def _reason(self, k: int) -> str:
         """Why sample k was not assessed."""
+
+    def _cause(self, k: int) -> Cause | None:
+        """In one word; None where only the reason tells."""
+        return None
 
     def _of_card(self, k: int) -> Array:
         """Sample k from the trim of the followed card, (n_channels,)."""

@@ -201,8 +201,8 @@ class RecordedScript(StoredScript):
         if k in self._exceedances:
             as_recorded = value + float((self.recorded(k) - self.y(k))[c])
             judged = "both" if limits.is_beyond(c, as_recorded) else "from_trim"
-        measured = MeasuredExceedance(channel, value, limits.exceeded(c, value), judged)
-        return Exceeded(between["t"], measured, between.get("doubt", ""))
+        about = channel, value, limits.exceeded(c, value), judged, between.get("doubt", "")
+        return Exceeded(between["t"], MeasuredExceedance(*about))
 
     def exceeding(self, limits: Envelope | None) -> Indices:
         if limits is None:

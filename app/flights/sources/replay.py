@@ -264,7 +264,15 @@ class TrackFlight(Flight):
             self.exceedances.add(sample.exceeded(script.keys), sample.y, sample.limits)
         assessment, display = self._assessed(k)
         about = self._exceeded(k), due.due, k, script.attitude(k), display
-        self._fly(script.y(k), assessment, *about, recorded=script.recorded(k), far=script.far(k))
+        self._fly(
+            script.y(k),
+            assessment,
+            *about,
+            recorded=script.recorded(k),
+            far=script.far(k),
+            manoeuvre=script.manoeuvre(k),
+            arrived=script.arrived(k),
+        )
         self._doubt(script.doubts(k))
 
     def _pass(self, k: int) -> None:
@@ -289,7 +297,14 @@ class TrackFlight(Flight):
             seq, (assessment, _) = self.head + 1, self._assessed(at)
             self._raise_alarms(
                 self.alarms.update(
-                    seq, at, assessment, exceeded, self.clock, only=kind, beyond=beyond_of(ruling)
+                    seq,
+                    at,
+                    assessment,
+                    exceeded,
+                    self.clock,
+                    only=kind,
+                    beyond=beyond_of(ruling),
+                    arrived=script.arrived(at),
                 )
             )
 

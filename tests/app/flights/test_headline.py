@@ -12,7 +12,6 @@ import pytest
 
 import app
 from app.assessment.outcome import lead_words
-from app.assessment.trim import RESTING
 from app.flights.alarms import Alarms
 from app.flights.ended import Record, records
 from app.flights.sources.recorded_playback import RecordedScript
@@ -20,6 +19,7 @@ from app.flights.verdict import (
     OUTSIDE,
     UNASSESSED,
     Circumstances,
+    SampleCause,
     longest_manoeuvre,
     planned_length,
     unassessed,
@@ -31,7 +31,7 @@ from core.flight_events import Alarm
 from core.limits.exceedance import Exceeded, Judged, MeasuredExceedance, exceedance
 from core.limits.limits import Limits
 from core.monitor import Assessment, State
-from core.monitor.assessment import REASONS, STATES
+from core.monitor.assessment import REASONS, STATES, Cause
 from core.monitor.status import BETWEEN, CAUSE_WORDS, WORDS, AlarmKind
 from core.planned_test.collection import DatasetRecipe
 from tests.app.flights.sources.test_live import Live
@@ -477,15 +477,15 @@ OK, WARMING = State.OK, State.WARMING_UP
     ("samples", "text"),
     [
         ([], UNASSESSED),
-        ([(1.3, OK, "")], UNASSESSED),  # the first sample exceeds
-        ([(1.25, WARMING, REASONS[1]), (1.3, OK, "")], UNASSESSED),
-        ([(1.25, WARMING, RESTING), (1.3, WARMING, RESTING)], OUTSIDE),
-        ([(1.2, OK, ""), (1.25, WARMING, REASONS[1])], MISSED),
-        ([(1.2, OK, ""), (1.25, WARMING, RESTING)], MISSED),  # the manoeuvre has just ended
+        ([SampleCause(1.3, OK)], UNASSESSED),  # the first sample exceeds
+        ([SampleCause(1.25, WARMING), SampleCause(1.3, OK)], UNASSESSED),
+        ([SampleCause(t, WARMING, Cause.READY) for t in (1.25, 1.3)], OUTSIDE),
+        ([SampleCause(1.2, OK), SampleCause(1.25, WARMING)], MISSED),
+        ([SampleCause(1.2, OK), SampleCause(1.25, WARMING, Cause.REST)], MISSED),  # it just ended
     ],
 )
 def test_an_exceedance_is_missed_only_if_a_sample_before_it_was_assessed(
-    samples: list[tuple[float, State, str]], text: str
+    samples: list[SampleCause], text: str
 ) -> None:
     found = verdict([stored("limit", 1.3)], Circumstances(unassessed=unassessed(1.3, samples)))
     assert found is not None

@@ -1,0 +1,12 @@
+"""Why a monitor was not applicable, and when an alarm's sample arrived."""
+
+import sqlalchemy as sa
+from alembic import op
+
+revision = "0034"
+down_revision = "0033"
+
+
+def upgrade() -> None:
+    op.add_column("alarms", sa.Column("cause", sa.String(32)))
+    op.add_column("alarms", sa.Column("arrived", sa.Float))
