@@ -50,6 +50,8 @@ class Alarm:
     arrived: float | None = None
     """of a live flight: time since it began at which the sample arrived or was shown [s]; an
     alarm warns from then on"""
+    manoeuvre: int | None = None
+    """number of the manoeuvre in progress, 0 for none; null where not known"""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "id", str(self.number))

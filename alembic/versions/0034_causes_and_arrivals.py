@@ -1,4 +1,4 @@
-"""Why a monitor was not applicable, and when an alarm's sample arrived."""
+"""Of an alarm: why a monitor was not applicable, when its sample arrived, and its manoeuvre."""
 
 import sqlalchemy as sa
 from alembic import op
@@ -10,3 +10,4 @@ down_revision = "0033"
 def upgrade() -> None:
     op.add_column("alarms", sa.Column("cause", sa.String(32)))
     op.add_column("alarms", sa.Column("arrived", sa.Float))
+    op.add_column("alarms", sa.Column("manoeuvre", sa.Integer))

@@ -175,12 +175,13 @@ class Alarms:
         only: AlarmKind | None = None,
         beyond: str = "",
         arrived: float | None = None,
+        manoeuvre: int = 0,
     ) -> list[Alarm]:
         """Return the alarms that a sample raises, an exceedance first.
 
         index: the sample's number in its source; a loop repeats it.   late: why the source is late;
         empty if it is not.   only: the one kind to check, for an onset that a seek passes.
-        beyond: see Ruling.   arrived: see Alarm.
+        beyond: see Ruling.   arrived, manoeuvre: see Alarm.
         """
         t, state, reason = assessment.t, assessment.state, assessment.reason
         gives_cause = exceedance is not None or assessment.alert or late or state in ALARMING
@@ -210,6 +211,7 @@ class Alarms:
                 exceedance=measured if kind == "limit" else None,
                 reason=why,
                 raised=clock.utc(),
+                manoeuvre=manoeuvre,
                 arrived=arrived if kind != "limit" or received is None else received,
                 cause=assessment.cause if kind == "invalid" else None,
             )
@@ -224,14 +226,18 @@ class Alarms:
         self._may_be_active = any(onsets.is_active for onsets in self._onsets.values())
         return raised
 
-    def exceed(self, seq: int, exceeded: Exceeded, reason: str, clock: Clock) -> list[Alarm]:
+    def exceed(
+        self, seq: int, exceeded: Exceeded, reason: str, clock: Clock, manoeuvre: int = 0
+    ) -> list[Alarm]:
         """A received sample exceeds a limit: return the alarm that this raises, if any.
 
         seq: of the newest grid sample.   reason: what is in doubt of it; empty for nothing.
+        manoeuvre: see Alarm.
         """
         t, exceedance, arrived = exceeded
         self._renew_limit(exceedance)
         about = {"t": t, "exceedance": exceedance, "reason": reason or None, "arrived": arrived}
+        about["manoeuvre"] = manoeuvre
         return self._begin("limit", seq, t, clock, seq, **about)
 
     def note_late(self, seq: int, index: int, t: float, reason: str, clock: Clock) -> list[Alarm]:

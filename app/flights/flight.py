@@ -138,6 +138,7 @@ class Flight(ABC):
     of its first exceedance.
     manoeuvres: plain, of a scored recording.   _late: why the source is late; empty if it is not.
     _is_waiting: whether it waits at its start for a first viewer.
+    _manoeuvre: number of the one that the newest sample is part of, 0 for none or where not known.
     journal_digest: SHA-256 of a live flight's complete journal.
     on_change: called when its headline, verdict or state changes, and when it is over.
     """
@@ -196,6 +197,7 @@ class Flight(ABC):
         n = n_before(monitor.lead, monitor.dt)
         self._newest = deque[SampleCause](maxlen=n + 1)
         self._before_exceedance = False, False, ""
+        self._manoeuvre = 0
 
     @property
     @abstractmethod
@@ -526,22 +528,22 @@ class Flight(ABC):
         *,
         recorded: Array,
         far: Mapping[str, int],
-        manoeuvre: int = 0,
         arrived: float | None = None,
     ) -> None:
         """Record, check and encode one sample; `_show` follows once per burst.
 
         display: assessments by the monitors for display.   recorded: y including trim.
-        far: see TrimCheck.   manoeuvre: see Recorder.   arrived: see Alarm.
+        far: see TrimCheck.   arrived: see Alarm.
         """
         seq = self._recent.head + 1
-        self.recorder.add(seq, y, assessment, display, manoeuvre)
+        self.recorder.add(seq, y, assessment, display, self._manoeuvre)
         sent = round(due * 1e3, 3)
         about = y, assessment, exceedance, attitude, display, sent
         self._follow(*about, recorded=recorded, far=far)
         about = assessment, exceedance, self.clock, self._late
         beyond = beyond_of(self.in_force.ruling)
-        if raised := self.alarms.update(seq, index, *about, beyond=beyond, arrived=arrived):
+        when = {"arrived": arrived, "manoeuvre": self._manoeuvre}
+        if raised := self.alarms.update(seq, index, *about, beyond=beyond, **when):
             self._raise_alarms(raised)
         if self._has_new_evidence:
             self._judge(seq)
@@ -637,7 +639,7 @@ class Flight(ABC):
     def _exceed(self, exceeded: Exceeded, reason: str) -> None:
         """Raise the alarm of a received sample, which may not reach the grid."""
         seq = max(self.head, 0)
-        if raised := self.alarms.exceed(seq, exceeded, reason, self.clock):
+        if raised := self.alarms.exceed(seq, exceeded, reason, self.clock, self._manoeuvre):
             self._raise_alarms(raised)
         if self._has_new_evidence and self._newest:
             self._judge(seq)

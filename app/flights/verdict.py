@@ -88,6 +88,7 @@ def verdict(alarms: Iterable[Alarm], circumstances: Circumstances = AS_FLOWN) ->
         for alarm in alarms
         if alarm.kind == "risk"
         and first.t - longest <= alarm.t <= first.t
+        and (None in (alarm.manoeuvre, first.manoeuvre) or alarm.manoeuvre == first.manoeuvre)
         and not (jumped and alarm.seq >= first.seq)
     )
     if jumped and not alerts:

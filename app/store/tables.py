@@ -265,6 +265,7 @@ alarms = Table(
     _plain("channels", nullable=True),
     Column("cause", String(32)),
     Column("arrived", Float),
+    Column("manoeuvre", Integer),
     _time("raised", nullable=False),
     _time("acknowledged"),
     Column("by", Text),

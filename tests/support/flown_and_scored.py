@@ -83,6 +83,7 @@ def flown_and_scored(
     calls: Sequence[float] = (),
 ) -> FlownAndScored:
     """calls: times of ABORT [s]."""
+    root.mkdir(exist_ok=True)
     store, clock, journals = open_store(root / "store.db"), ScriptedClock(), Journals(root / "live")
     known = {"slow": slow_monitor(), "fast": fast_monitor()}
     ids = {name: store.monitors.add(monitor, name).id for name, monitor in known.items()}

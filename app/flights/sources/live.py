@@ -643,12 +643,12 @@ class LiveFlight(Flight):
             *shown,
             recorded=assessed.recorded,
             far=assessed.far,
-            manoeuvre=assessed.manoeuvre if self._setup.trim == "detected" else 1,
             arrived=assessed.shown,
         )
 
     def _flown(self, assessed: LiveAssessed) -> tuple[Array, Assessment, Exceeded | None, Angles]:
         judged, recorded, ruling = assessed.judged, assessed.recorded, assessed.ruling
+        self._manoeuvre = assessed.manoeuvre if self._setup.trim == "detected" else 1
         if assessed.manoeuvre > self._newest_manoeuvre:
             self._newest_manoeuvre = assessed.manoeuvre
             begun = ManoeuvreBegun(number=assessed.manoeuvre, t=assessed.assessment.t)

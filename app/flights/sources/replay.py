@@ -258,6 +258,7 @@ class TrackFlight(Flight):
             self._restart(float(script.t[k]), script.held_until(k))
             self._pass(k)
         self._furthest, self._at = max(self._furthest, k), k
+        self._manoeuvre = script.manoeuvre(k)
         self._late = script.late(k)
         self._hold(self._ruled(k), float(script.t[k]))
         for sample in script.received(k) if self._ruled(k) is script.ruling(k) else ():
@@ -270,7 +271,6 @@ class TrackFlight(Flight):
             *about,
             recorded=script.recorded(k),
             far=script.far(k),
-            manoeuvre=script.manoeuvre(k),
             arrived=script.arrived(k),
         )
         self._doubt(script.doubts(k))
@@ -305,6 +305,7 @@ class TrackFlight(Flight):
                     only=kind,
                     beyond=beyond_of(ruling),
                     arrived=script.arrived(at),
+                    manoeuvre=script.manoeuvre(at),
                 )
             )
 

@@ -1,18 +1,27 @@
 """The record of a live flight and the scoring of its recording give one verdict."""
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.lib import recfunctions
+from sqlalchemy import select, update
 
 from app.assessment.outcome import OUTCOMES, verdict_of
+from app.flights.ended import Record, records
+from app.store.arrays import to_blob
+from app.store.assessments import UNKNOWN, chunk_of
+from app.store.store import open_store
+from app.store.tables import alarms, assessment_chunks
 from core.channels import KEYS
 from core.types import Array
 from tests.support.flown_and_scored import (
     DT,
     LEAD_IN_S,
     NY,
+    Arrival,
     FlownAndScored,
     doublets,
     flown_and_scored,
@@ -44,10 +53,13 @@ def frozen_ny() -> Array:
 def words(both: FlownAndScored) -> tuple[str, str]:
     """Of the record and of the only manoeuvre of the scoring, up to a colon."""
     (manoeuvre,) = both.scored.manoeuvres
-    verdict, headline = both.record.verdict, both.record.headline.status
     scored = verdict_of(asdict(manoeuvre)) or OUTCOMES[manoeuvre.outcome].word
-    record = headline.replace("_", " ").upper() if verdict is None else verdict.text
-    return record.split(":")[0], scored
+    return text_of(both.record).split(":")[0], scored
+
+
+def text_of(record: Record) -> str:
+    status = record.headline.status.replace("_", " ").upper()
+    return status if record.verdict is None else record.verdict.text
 
 
 def test_an_alert_in_one_part_of_a_manoeuvre_warns_of_an_exceedance_in_the_next(
@@ -65,7 +77,7 @@ def test_an_alert_in_one_part_of_a_manoeuvre_warns_of_an_exceedance_in_the_next(
     assert both.record.verdict.text == verdict_of(asdict(after))
 
 
-@pytest.mark.parametrize(
+WORDS = pytest.mark.parametrize(
     ("y", "word"),
     [
         (doublets(fail=False)[0][: BEGINS + 20], "ENDS WITHIN THE MANOEUVRE"),
@@ -98,10 +110,36 @@ def test_an_alert_in_one_part_of_a_manoeuvre_warns_of_an_exceedance_in_the_next(
         "exceeds_at_rest",
     ],
 )
+
+
+@WORDS
 def test_a_flight_and_the_scoring_of_its_recording_have_one_word(
     tmp_path: Path, y: Array, word: str
 ) -> None:
     assert words(flown_and_scored(tmp_path, in_order(y))) == (word, word)
+
+
+@WORDS
+def test_a_flight_stored_by_an_earlier_version_has_the_same_verdict(
+    tmp_path: Path, y: Array, word: str
+) -> None:
+    """It has neither causes nor numbers of manoeuvres, only words."""
+    known = flown_and_scored(tmp_path, in_order(y)).record
+    store = open_store(tmp_path / "store.db")
+    with store.engine.begin() as connection:
+        for row in connection.execute(select(assessment_chunks)).all():
+            names = ["t", "y", "p_value", "alert", "state", "y_hat"]
+            samples = recfunctions.repack_fields(chunk_of(row).samples[names])
+            same = assessment_chunks.c.first_seq == row.first_seq
+            changed = update(assessment_chunks).where(same)
+            connection.execute(changed.values(content=to_blob(samples)))
+        connection.execute(update(alarms).values(cause=None, arrived=None, manoeuvre=None))
+    (info,) = store.flights.all()
+    assert (store.flights.assessments(info.id).manoeuvre == UNKNOWN).all()
+    again = records(store, [info], anew=True)[info.id]
+    store.close()
+    assert (again.headline.status, again.cause) == (known.headline.status, known.cause)
+    assert [text_of(record).split(":")[0] for record in (again, known)] == [word, word]
 
 
 def test_an_abort_after_the_alert_is_told_by_the_record_too(tmp_path: Path) -> None:
@@ -109,6 +147,55 @@ def test_an_abort_after_the_alert_is_told_by_the_record_too(tmp_path: Path) -> N
     calls = [(len(y) - 1) * DT]
     both = flown_and_scored(tmp_path, in_order(y), calls=calls)
     assert words(both) == ("ABORTED AFTER THE ALERT",) * 2
+
+
+def late(y: Array, latency: Array) -> list[Arrival]:
+    """latency: (n,) [s] of each sample."""
+    t = DT * np.arange(len(y))
+    order = np.argsort(t + latency, kind="stable").tolist()
+    return [Arrival(float(t[k] + latency[k]), float(t[k]), y[k]) for k in order]
+
+
+def assert_same_warning(both: FlownAndScored) -> float:
+    """The lead of the flight is that of the scoring, and their words are the same."""
+    verdict = both.record.verdict
+    (scored,) = [each for each in both.scored.manoeuvres if each.exceedance is not None]
+    assert verdict is not None
+    assert verdict.text == verdict_of(asdict(scored))
+    assert verdict.lead is not None
+    assert verdict.lead == scored.lead
+    return verdict.lead
+
+
+def test_a_late_link_gives_the_flight_and_its_scoring_one_lead(tmp_path: Path) -> None:
+    """An alert counts from when it was shown, its limit from when that sample arrived."""
+    y = doublets(fail=True)[0]
+    even = assert_same_warning(flown_and_scored(tmp_path / "even", in_order(y)))
+    link = np.zeros(len(y))
+    link[: -round(0.3 / DT) - 8] = 0.3  # slow until just before the limit
+    assert assert_same_warning(flown_and_scored(tmp_path / "late", late(y, link))) < even - 0.1
+
+
+def test_an_alert_in_another_manoeuvre_warns_of_nothing(tmp_path: Path) -> None:
+    y = np.concatenate([doublets(fail=False)[3], doublets(fail=True)[1]])
+    both = flown_and_scored(tmp_path, in_order(y))
+    before, _ = both.scored.manoeuvres
+    assert before.alerts
+    assert assert_same_warning(both) < 2.0
+
+
+def with_lost_samples(y: Array, rows: Sequence[int]) -> Array:
+    """Each of these has a value that no aircraft reaches, so the monitor does not use it."""
+    changed = y.copy()
+    changed[list(rows), KEYS.index("beta")] = 1e3
+    return changed
+
+
+def test_samples_beyond_any_aircraft_are_data_missing_in_both(tmp_path: Path) -> None:
+    y = doublets(fail=True)[0]
+    lost = range(BEGINS, len(y))
+    both = flown_and_scored(tmp_path, in_order(with_lost_samples(y, lost)))
+    assert words(both) == ("LIMIT EXCEEDED, data missing, no verdict",) * 2
 
 
 def test_data_missing_at_rest_are_told_by_the_scoring_too(tmp_path: Path) -> None:
