@@ -5,7 +5,6 @@ received by each moment. The replay keeps the delay of each sample and the stale
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,6 @@ from app.flights.sources.playback import Angles, StoredScript, onsets
 from app.flights.sources.simulated import SourceError
 from app.store.assessments import StoredAssessments
 from app.telemetry.journal import lines_of
-from core.limits.exceedance import Exceeded
 from core.limits.limits import Envelope
 from core.monitor import Assessment
 from core.monitor.assessment import CAUSES, Cause, code_of
@@ -104,13 +102,9 @@ class ShownFlight(StoredScript):
     def judged(self, k: int) -> Array:
         return self.samples["judged"][k]
 
-    def received(self, k: int) -> Sequence[ReceivedExceedance]:
+    def received(self, k: int, limits: Envelope | None) -> Sequence[ReceivedExceedance]:
+        """Each by the limits in force when it was received."""
         return self._received.get(k, ())
-
-    def exceeded(self, k: int, limits: Envelope | None) -> Exceeded | None:
-        received = [sample.exceeded(self.keys) for sample in self.received(k)]
-        first = min(received, key=attrgetter("t"), default=None)
-        return super().exceeded(k, limits) if first is None else first
 
     def attitude(self, k: int) -> Angles:
         """As received; missing angles are integrated from the rates."""

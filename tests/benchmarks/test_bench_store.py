@@ -60,6 +60,8 @@ def flight_of(n: int) -> StoredAssessments:
         alert=rng.random(n) > 0.9,
         state=np.zeros(n, np.uint8),
         y_hat=rng.normal(size=(n, 6)),
+        cause=np.zeros(n, np.uint8),
+        manoeuvre=np.ones(n, np.int32),
         reasons=("",) * n,
     )
 

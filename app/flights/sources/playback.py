@@ -5,6 +5,7 @@ An assessment uses the history in the source, whatever the transport did before.
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -144,12 +145,21 @@ class Script(ABC):
         """Sample k from trim, (n_channels,), NaN where that is unknown."""
         return self.y(k)
 
-    def received(self, k: int) -> Sequence[ReceivedExceedance]:
-        """Received samples beyond a limit since sample k - 1 was shown, up to sample k."""
+    def received(self, k: int, limits: Envelope | None) -> Sequence[ReceivedExceedance]:
+        """Received samples beyond a limit since sample k - 1 was shown, up to sample k.
+
+        limits: in force; None if unknown.
+        """
         return ()
 
     def exceeded(self, k: int, limits: Envelope | None) -> Exceeded | None:
-        """The limit that sample k exceeds, or one received before it. limits: None if unknown."""
+        """The limit that sample k exceeds, or one received before it. limits: None if unknown.
+
+        The sensor's own sample gives an exceedance its time and value.
+        """
+        received = [sample.exceeded(self.keys) for sample in self.received(k, limits)]
+        if received:
+            return min(received, key=attrgetter("t"))
         samples = self.judged(k), self.recorded(k)
         return exceeded_at(float(self.t[k]), self.keys, limits, *samples)
 

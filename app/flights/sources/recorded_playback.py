@@ -23,7 +23,7 @@ from app.flights.sources.playback import Angles, StoredScript, onsets
 from app.recordings.scoring_answers import reason
 from core.channels import LATERAL
 from core.kernels.causal_grid import RATE_RATIO
-from core.limits.exceedance import SAME_TIME, Exceeded, Judged, MeasuredExceedance
+from core.limits.exceedance import NOT_PLAUSIBLE, SAME_TIME
 from core.limits.limits import Envelope
 from core.monitor import Assessment, Monitor
 from core.simulation.attitude import WASH_OUT_S, DisplayAttitude
@@ -33,8 +33,6 @@ P, R = LATERAL.index("p"), LATERAL.index("r")
 RUN_UP_S = 2 * WASH_OUT_S
 """A missing attitude is integrated from this time before its sample [s]."""
 
-SOON = 2
-"""Samples within RATE_RATIO intervals."""
 SOUGHT_AT_ONCE = 5_000
 """Samples in which an input is looked for at once."""
 
@@ -68,19 +66,13 @@ class RecordedScript(StoredScript):
         super().__init__(samples, dt, forecasts)
         self.t = np.ascontiguousarray(samples["t"])
         self._held, self.shows_rulings = held, held is not None
+        self.near = RATE_RATIO * dt
         judged = [s["exceedance"] for s in manoeuvres if s["exceedance"] is not None]
         self.fail_t = min((exceedance["t"] for exceedance in judged), default=None)
-        recorded = [e for s in manoeuvres if (e := s.get("recorded_exceedance")) is not None]
-        recorded += [e for e in outside if e.get("doubt")]
-        judged += [e for e in outside if not e.get("doubt")]
-        self._exceedances = {self._at(e["t"]): e for e in judged}
-        self._recorded_exceedances = {self._at(e["t"]): e for e in recorded}
         self.is_checked = all(s["validity"]["valid"] is not None for s in manoeuvres)
         self.manoeuvres = self._manoeuvres = manoeuvres
         begins = [begin for manoeuvre in manoeuvres for begin, _ in manoeuvre["alerts"]]
         self.alerts = np.searchsorted(self.t, np.sort(np.array(begins, float)) - 0.5 * dt)
-        beyond = sorted({*self._exceedances, *self._recorded_exceedances})
-        self.exceedances = np.array(beyond, np.int64)
         self._display = DisplayAttitude(theta0)
         self._displayed = -1
         self._display_scripts = display
@@ -92,17 +84,19 @@ class RecordedScript(StoredScript):
         unknown = [[nan if value is None else 0.0 for value in trim] or none for trim in known]
         self._unknown = np.array([*unknown, none])
         self._starts = np.array([s.get("first", 0) for s in manoeuvres])
+        first = [(e, False) for e in judged] + [(e, bool(e.get("doubt"))) for e in outside]
+        first += [(e, True) for s in manoeuvres if (e := s.get("recorded_exceedance"))]
         worst = [(e, not s["exceedance"]) for s in manoeuvres for e in s.get("worst", ())]
         worst += [(e, True) for s in manoeuvres for e in s.get("worst_recorded", ())]
         far = [e for e in outside if e.get("worst_t") is not None]
         worst += [
             ({**e, "t": e["worst_t"], "value": e["worst"]}, bool(e.get("doubt"))) for e in far
         ]
-        self._worst = defaultdict[int, list[tuple[Mapping[str, Any], bool]]](list)
-        for each, is_raw in worst:
-            self._worst[self._at(each["t"])].append((each, is_raw))
+        self.exceedances = np.unique([self._known_at(e["t"]) for e, _ in first]).astype(np.int64)
+        self._scored = defaultdict[int, list[tuple[Mapping[str, Any], bool]]](list)
+        for each, is_raw in (*first, *worst):
+            self._scored[self._known_at(each["t"])].append((each, is_raw))
         self._far: list[Mapping[str, int]] = []
-        self._envelope = None if monitor is None else monitor.envelope
         if monitor is not None:
             self._follow(monitor)
             planned = known_test(monitor)
@@ -159,50 +153,26 @@ class RecordedScript(StoredScript):
     def _last_manoeuvre(self, k: int) -> int:
         return max(int(np.searchsorted(self._starts, k, "right")) - 1, 0)
 
-    def received(self, k: int) -> Sequence[ReceivedExceedance]:
-        """The sensor's own worst value of an exceedance, which resampling may have lessened."""
-        ruling, received = self.ruling(k), list[ReceivedExceedance]()
-        limits = self._envelope if ruling is None else ruling.limits
-        for worst, is_raw in self._worst.get(k, ()):
-            c = self.keys.index(worst["channel"])
-            if limits is not None and limits.is_beyond(c, worst["value"]):
-                unknown = np.full(len(self.keys), nan)
-                y = np.where(np.arange(len(self.keys)) == c, worst["value"], nan)
-                about = worst["t"], True, unknown if is_raw else y, y, limits
-                received.append(ReceivedExceedance(*about))
+    def received(self, k: int, limits: Envelope | None) -> Sequence[ReceivedExceedance]:
+        """The recorded samples with which an exceedance began or was worst, as it was scored."""
+        received = list[ReceivedExceedance]()
+        for each, is_raw in self._scored.get(k, ()):
+            t, value, c = each["t"], each["value"], self.keys.index(each["channel"])
+            if limits is None or not limits.is_beyond(c, value):
+                continue
+            m = self._last_manoeuvre(self._at(t))
+            offset = float(self._offsets[m, c] + self._unknown[m, c])
+            is_plausible = each.get("doubt") != NOT_PLAUSIBLE
+            both = (
+                (value - offset if is_plausible else nan, value)
+                if is_raw
+                else (value, value + offset)
+            )
+            y, recorded = np.full((2, len(self.keys)), nan)
+            y[c], recorded[c] = both
+            about = y, recorded, limits, "", is_plausible
+            received.append(ReceivedExceedance(t, True, *about))
         return received
-
-    def exceeded(self, k: int, limits: Envelope | None) -> Exceeded | None:
-        """The limit that sample k exceeds, or the recording between it and the last sample.
-
-        The recorded sample gives an exceedance its time, also where interpolation between it and
-        the one before lies beyond the limit earlier.
-        """
-        if limits is None:
-            return None
-        if (recorded := self._recorded_exceedance(k, limits)) is not None:
-            return recorded
-        soon = range(k + 1, min(k + 1 + SOON, len(self.t)))
-        later = [each for i in soon if (each := self._recorded_exceedance(i, limits)) is not None]
-        if any(each.t - float(self.t[k]) < RATE_RATIO * self.dt for each in later):
-            return None
-        return super().exceeded(k, limits)
-
-    def _recorded_exceedance(self, k: int, limits: Envelope) -> Exceeded | None:
-        """The scored exceedance that begins between sample k - 1 and k."""
-        between = self._exceedances.get(k) or self._recorded_exceedances.get(k)
-        if between is None:
-            return None
-        channel, value = between["channel"], between["value"]
-        c = self.keys.index(channel)
-        if not limits.is_beyond(c, value):
-            return None
-        judged: Judged = "recorded"
-        if k in self._exceedances:
-            as_recorded = value + float((self.recorded(k) - self.y(k))[c])
-            judged = "both" if limits.is_beyond(c, as_recorded) else "from_trim"
-        about = channel, value, limits.exceeded(c, value), judged, between.get("doubt", "")
-        return Exceeded(between["t"], MeasuredExceedance(*about))
 
     def exceeding(self, limits: Envelope | None) -> Indices:
         if limits is None:
@@ -211,10 +181,13 @@ class RecordedScript(StoredScript):
         before = np.searchsorted(self._starts, np.arange(len(y)), "right") - 1
         recorded = y + self._offsets[np.maximum(before, 0)]
         over = limits.exceeds(y) | limits.exceeds(recorded)
-        for k in (*self._exceedances, *self._recorded_exceedances):
-            for i in range(max(k - SOON, 0), k + 1):
-                over[i] = self.exceeded(i, limits) is not None
+        for k in self._scored:
+            over[k] |= bool(self.received(k, limits))
         return onsets(over)
+
+    def _known_at(self, t: float) -> int:
+        """First sample by which one recorded at t [s] counts, as one received does in flight."""
+        return self._at(t - self.near)
 
     def _at(self, t: float) -> int:
         """First sample at or after a time [s]; the last one if there is none."""

@@ -16,6 +16,7 @@ from app.messages import ManoeuvreBegun, TransportChange, TransportState, plain_
 from app.scene.shown import KnownAngles
 from core.flight_events import TrimChange
 from core.limits.exceedance import Exceeded
+from core.limits.limits import Envelope
 from core.monitor import Assessment, State
 from core.monitor.peak_forecast import OVER, Ahead, NothingAhead
 from core.monitor.status import AlarmKind
@@ -177,9 +178,11 @@ class TrackFlight(Flight):
         return about if ruling is None or self._script.shows_rulings else ruling.apply(*about)
 
     def _exceeded(self, k: int) -> Exceeded | None:
+        return self._script.exceeded(k, self._limits(k))
+
+    def _limits(self, k: int) -> Envelope | None:
         ruling = self._ruled(k)
-        limits = self.plan.monitor.envelope if ruling is None else ruling.limits
-        return self._script.exceeded(k, limits)
+        return self.plan.monitor.envelope if ruling is None else ruling.limits
 
     def _do(self, action: str, value: float | bool | None, now: float) -> None:
         transport = self._transport
@@ -261,8 +264,9 @@ class TrackFlight(Flight):
         self._manoeuvre = script.manoeuvre(k)
         self._late = script.late(k)
         self._hold(self._ruled(k), float(script.t[k]))
-        for sample in script.received(k) if self._ruled(k) is script.ruling(k) else ():
-            self.exceedances.add(sample.exceeded(script.keys), sample.y, sample.limits)
+        for sample in script.received(k, self._limits(k)):
+            about = sample.y, sample.limits, sample.recorded
+            self.exceedances.add(sample.exceeded(script.keys), *about)
         assessment, display = self._assessed(k)
         about = self._exceeded(k), due.due, k, script.attitude(k), display
         self._fly(

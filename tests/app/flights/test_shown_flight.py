@@ -14,7 +14,7 @@ from app.flights.sources.replay import TrackFlight
 from app.flights.sources.simulated import SourceError
 from app.store.assessments import StoredAssessments, pack
 from core.monitor import train
-from core.monitor.assessment import code_of
+from core.monitor.assessment import CAUSES, code_of
 from core.types import Array
 from tests.app.flights.sources import test_live
 from tests.app.flights.sources.test_live import Live, batch
@@ -84,6 +84,8 @@ def stored(live: Live) -> StoredAssessments:
         [bool(one.alert) for one in said],
         [code_of(one.state) for one in said],
         [missing if one.y_hat is None else one.y_hat for one in said],
+        [CAUSES.index(one.cause) for one in said],
+        [one.manoeuvre for one in samples],
     )
     names = packed.dtype.names or ()
     fields: dict[str, Any] = {name: np.ascontiguousarray(packed[name]) for name in names}

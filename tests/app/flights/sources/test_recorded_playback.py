@@ -130,7 +130,7 @@ def test_a_recording_flies_with_the_transport_of_any_flight(samples: npt.NDArray
     assert flight.verdict.warning == "Warned 0.52 s before the limit"  # as it was scored
 
 
-def test_a_recorded_exceedance_between_two_samples_is_that_of_the_sample_after_it(
+def test_a_recorded_exceedance_between_two_samples_is_known_before_the_grid_shows_it(
     samples: npt.NDArray,
 ) -> None:
     samples["y"] = 0.0
@@ -141,16 +141,17 @@ def test_a_recorded_exceedance_between_two_samples_is_that_of_the_sample_after_i
     assert {
         k: (each.t, each.measured.channel, each.measured.value) for k, each in found.items()
     } == {
-        41: (3360.02, "Ny", 0.6),
-        190: (3367.5, "Ny", -0.7),
+        39: (3360.02, "Ny", 0.6),
+        189: (3367.5, "Ny", -0.7),
     }
     assert samples["t"][40] < 3360.02 <= samples["t"][41]
     assert {each.measured.judged for each in found.values()} == {"both"}
     assert {each.measured.limit for each in found.values()} == {0.5}
-    samples["y"][41] = np.nan  # nothing tells that it is both
-    unknown = RecordedScript(samples, MANOEUVRES, DT, forecasts=True).exceeded(41, limits)
-    assert unknown is not None
-    assert (unknown.measured.value, unknown.measured.judged) == (0.6, "from_trim")
+    with_trim = {**MANOEUVRES[0], "first": 0, "trim": [0.0, 0.0, 0.0, -0.2, 0.0, 0.0]}
+    manoeuvres = [with_trim, {**MANOEUVRES[1], "first": 100}]
+    from_trim = RecordedScript(samples, manoeuvres, DT, forecasts=True).exceeded(39, limits)
+    assert from_trim is not None
+    assert (from_trim.measured.value, from_trim.measured.judged) == (0.6, "from_trim")
 
 
 def test_a_replay_raises_the_alarm_of_an_exceedance_between_two_samples(
