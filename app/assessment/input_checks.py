@@ -240,14 +240,14 @@ class _Frozen:
 
     def __init__(self, recent: _Recent, dictionary: Dictionary) -> None:
         self._recent, self._dictionary = recent, dictionary
-        self._measured = -np.inf
+        self.measured = -np.inf
         self._n_measured = self._n_turning = 0
         self._varies = True
 
     def push(self, t: float, y: Array, *, is_same: bool, holds: bool) -> Doubt | None:
         """is_same: whether a sample is identical to the last one.   holds: a channel is frozen."""
         if not is_same:
-            if t - self._measured >= REACTS_S:
+            if t - self.measured >= REACTS_S:
                 self._measure(t)
             return self._of_channels() if holds else None
         state = self._recent.state
@@ -280,7 +280,7 @@ class _Frozen:
 
     def _measure(self, t: float) -> None:
         """Measure the second before this change."""
-        is_first, self._measured = self._measured == -np.inf, t
+        is_first, self.measured = self.measured == -np.inf, t
         changes = np.diff(self._recent.window(REACTS_S), axis=0)
         if is_first or len(changes) < FEWEST:
             return
@@ -301,12 +301,21 @@ class FrozenPart(NamedTuple):
 
 
 def frozen_parts(dictionary: Dictionary, t: Array, y: Array) -> tuple[FrozenPart, ...]:
-    """The cautions of frozen channels in a whole flight. t: (n,) [s].   y: (n, n_channels)."""
+    """The cautions of frozen channels in a whole flight.
+
+    t: (n,) flight times [s].   y: (n, n_channels). Both in order of arrival.
+    """
     recent, parts = _Recent(len(dictionary)), dict[tuple[float, tuple[str, ...]], FrozenPart]()
-    frozen = _Frozen(recent, dictionary)
-    for at, sample in zip(t.tolist(), np.ascontiguousarray(y), strict=True):
-        flags, _ = recent.push(at, sample, 0)
-        doubt = frozen.push(at, sample, is_same=bool(flags & SAME), holds=bool(flags & HOLDS))
+    frozen, t, y, n = (
+        _Frozen(recent, dictionary),
+        np.ascontiguousarray(t),
+        np.ascontiguousarray(y),
+        0,
+    )
+    while n < len(t):
+        n, flags = kernel.arrive_together(recent.state, t, y, n, frozen.measured)
+        at, about = t.item(n - 1), {"is_same": bool(flags & SAME), "holds": bool(flags & HOLDS)}
+        doubt = frozen.push(at, y[n - 1], **about)
         if doubt is not None and doubt.level is Level.CAUTION:
             key = doubt.t, doubt.channels
             parts[key] = FrozenPart(doubt.t, at, doubt.channels, doubt.reason)

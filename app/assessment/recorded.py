@@ -94,6 +94,7 @@ class OnGrid(NamedTuple):
     begun: for each manoeuvre begun by hand, the row that it begins with.
     shown: (n,) when each row of a live flight was shown [s]; None for others.
     delay: of a live flight, subtracted from the lead of the monitor [s].
+    frozen: channels of a live flight.
     """
 
     recording: Recording
@@ -101,6 +102,7 @@ class OnGrid(NamedTuple):
     begun: tuple[int, ...] = ()
     shown: Array | None = None
     delay: float = 0.0
+    frozen: tuple[FrozenPart, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +112,7 @@ class RecordedFlight:
     traces: repaired.   grid: of the monitor.   needed: (n_channels,) channels the monitor needs.
     timeline: limits in force over time; None where no limit set was in force.
     use: in the training of the monitor; empty for none.   members: of the monitor set that scores
-    it, one by one as if alone; empty for one monitor.   frozen: of a live flight, as it said.
+    it, one by one as if alone; empty for one monitor.
     """
 
     monitor: Monitor
@@ -123,7 +125,6 @@ class RecordedFlight:
     timeline: InForceTimeline | None = None
     use: str = ""
     members: tuple[Monitor, ...] = ()
-    frozen: tuple[FrozenPart, ...] = ()
 
     @property
     def recording(self) -> Recording:
@@ -226,20 +227,12 @@ class RecordedFlight:
             tuple(notes),
             timeline,
             members=members,
-            frozen=_frozen(grid.judged, dictionary) if repaired.flown is not None else (),
         )
 
     def by(self, monitor: Monitor) -> Self:
         """The same recording as one monitor of the set sees it."""
         about = planned_test(monitor), needed_channels(monitor)
         return replace(self, monitor=monitor, planned=about[0], needed=about[1])
-
-
-def _frozen(judged: Traces, dictionary: Dictionary) -> tuple[FrozenPart, ...]:
-    t = next(iter(judged.channels.values())).t
-    known = [judged.channels.get(key) for key in dictionary.keys]
-    columns = [np.full(len(t), nan) if trace is None else trace.values for trace in known]
-    return frozen_parts(dictionary, t, np.column_stack(columns))
 
 
 def sizes_of(traces: Traces, dictionary: Dictionary) -> tuple[float, ...]:
@@ -340,14 +333,15 @@ def on_grid(
             "longer"
         )
     traces = replace(repaired.traces, channels=repaired.traces.channels | computed)
-    judged = traces
-    if flown is not None:
-        received_traces = replace(flown.traces, channels=flown.traces.channels | computed)
-        judged = _by_flight_time(received_traces, np.concatenate(times), flown.arrived)
     ahead = float((rows.shown - rows.t).max()) if flown is None else 0.0
     recording = _recording(rows, traces, (*traces.notes, *notes), ahead)
-    shown = None if flown is None else rows.shown
-    return OnGrid(recording, judged, tuple(rows_begun), shown, 0.0 if flown is None else delay)
+    if flown is None:
+        return OnGrid(recording, traces)
+    flight_t = np.concatenate(times)
+    received_traces = replace(flown.traces, channels=flown.traces.channels | computed)
+    judged = _by_flight_time(received_traces, flight_t, flown.arrived)
+    frozen = frozen_parts(dictionary, flight_t, received.values[:, : len(dictionary)])
+    return OnGrid(recording, judged, tuple(rows_begun), rows.shown, delay, frozen)
 
 
 def _recording(

@@ -82,7 +82,7 @@ def score(
     decide what an exceedance is; where they differ from the monitor's, it is not applicable. Or a
     monitor set: each sample is assessed by the monitor in use, `monitor` is the first of the set.
     digest: SHA-256 of its file, by which a flight that trained the monitor is known, beside its
-    samples.   calls: times of ABORT and KNOCK IT OFF [s].
+    samples.   calls: times of ABORT and KNOCK IT OFF [s], beside those that the recording keeps.
     TelemetryError where the recording lacks what the monitor needs or the recipe does not fit it;
     ValueError for an epsilon that the monitor is too small for.
     """
@@ -105,8 +105,10 @@ def score_at_each(
     flight = RecordedFlight.of(monitor, recorded, history)
     flight = _with_use(flight, digest)
     usual = replace(recipe, epsilon=None) == ScoringRecipe()
-    if recorded.flown is not None and recorded.flown.is_trimmed and usual:
-        recipe = replace(recipe, trim=None, manoeuvres="entire")  # as in the flight
+    if recorded.flown is not None:
+        calls = (*calls, *recorded.flown.calls)
+        if recorded.flown.is_trimmed and usual:
+            recipe = replace(recipe, trim=None, manoeuvres="entire")  # as in the flight
     followed = flight.manoeuvres if recipe.manoeuvres == "detected" else ()
     about = flight.recording, flight.planned, recipe, followed
     whole, notes = segments(*about, is_flight=recorded.flown is not None)
@@ -497,7 +499,7 @@ def _why_frozen(flight: RecordedFlight, limited: Limited, t: Array) -> str:
     keys = {peak.channel for peak in limited.peaks}
     reasons = (
         f"data missing: {part.reason}"
-        for part in flight.frozen
+        for part in flight.grid.frozen
         if not keys.isdisjoint(part.channels) and part.start <= t[-1] and part.end >= t[0]
     )
     return next(reasons, "")

@@ -31,6 +31,7 @@ from app.assessment.planned_test import (
 )
 from app.assessment.rulings import ConditionHold, LimitsInForce, LimitsRule, Ruling
 from app.assessment.trim import CausalTrim
+from app.telemetry.readers.journal import CALL
 from core.channels import LATERAL
 from core.conditions import Condition, ConditionKey
 from core.flight_events import TrimChange
@@ -417,6 +418,8 @@ def replay_line(
         samples = reader.samples(Batch(line["s"], line["b"]))
         arrived, source = line["a"], line.get("v", "")
         return [settled for s in samples for settled in scorer.push(arrived, s, source)]
+    if line.get("e") == CALL:
+        return []
     settled = scorer.advance(line["a"])
     if line.get("e") == "manoeuvre":
         scorer.begin()

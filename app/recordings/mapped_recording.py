@@ -77,6 +77,7 @@ def _flown(columns: Columns, applied: Traces) -> FlownOrder | None:
         about.get("trim") == "none",
         tuple((arrived, int(n)) for arrived, n in about.get("begun", ())),
         about.get("ended"),
+        tuple(about.get("calls", ())),
     )
 
 

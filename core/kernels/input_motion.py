@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from core.kernels.compiled import brief, inlined
+from core.kernels.compiled import brief, inlined, jit
 from core.types import Array, Flags, Indices
 
 REACTS_S, SWINGS_S = 1.0, 3.0
@@ -116,6 +116,22 @@ def arrive(state, t, y, source):
         if at > times[LATEST]:
             times[LATEST], flags = at, flags | GOES_ON
     return flags, repeated
+
+
+@jit
+def arrive_together(state, t, y, first, measured):
+    """Add received samples from number `first` on, up to one in which something may be frozen, or
+    that comes REACTS_S after `measured` [s].
+
+    t: (n,) [s].   y: (n, n_channels).   Returns the number after it, or n, and the flags of the
+    last one.
+    """
+    flags = 0
+    for i in range(first, t.shape[0]):
+        flags, _ = arrive(state, t[i], y[i], 0)
+        if flags & (SAME | HOLDS) or t[i] - measured >= REACTS_S:
+            return i + 1, flags
+    return t.shape[0], flags
 
 
 @inlined

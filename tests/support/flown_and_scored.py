@@ -120,6 +120,6 @@ def flown_and_scored(
         if by_set:
             in_use = set_in_use(store, store.monitor_sets.info(set_id), {})
             history = SetHistory.of(columns, mapping, in_use)
-        scored = score(slow_monitor(), recorded, ScoringRecipe(), history, calls=calls)
+        scored = score(slow_monitor(), recorded, ScoringRecipe(), history)
     store.close()
     return FlownAndScored(record, scored)

@@ -39,14 +39,15 @@ from app.flights.sources.udp import UdpAccess, UdpReceiver
 from app.flights.transport import NotPossible
 from app.messages import ConditionSignal, LiveChange, LiveStatus, ManoeuvreBegun, TransportState
 from app.telemetry.journal import Journal, JournalFull, Journals
+from app.telemetry.readers.journal import CALL
 from app.telemetry.recording import TelemetryError
 from core.channels import LATERAL
 from core.conditions import CONDITION_KEYS, CONDITIONS, ConditionKey
-from core.flight_events import Alarm, FlightMarker, TrimChange
+from core.flight_events import Alarm, FlightMarker, FlightMarkerKey, TrimChange
 from core.limits.exceedance import Exceeded, exceeded_at
 from core.monitor import Assessment, Monitor, State
 from core.monitor.peak_forecast import Ahead
-from core.monitor.status import AlarmKind
+from core.monitor.status import AlarmKind, Level
 from core.simulation.attitude import DisplayAttitude
 from core.types import Array
 
@@ -430,6 +431,16 @@ class LiveFlight(Flight):
             if not sample.is_plausible:
                 self._implausible = exceeded
         return judged
+
+    def mark(
+        self, kind: FlightMarkerKey, by: str, text: str | None, t: float | None = None
+    ) -> FlightMarker:
+        """Also keep a call in the journal, which a scoring of its file then knows."""
+        marker = super().mark(kind, by, text, t)
+        if marker.level is not Level.NONE and self._journal is not None:
+            with suppress(JournalFull):
+                self._record({"e": CALL, "kind": kind, "by": by, "t": marker.t})
+        return marker
 
     def begin_manoeuvre(self, by: str) -> asyncio.Future[None]:
         """Begin a manoeuvre by hand. NotPossible while one is in progress."""

@@ -25,6 +25,8 @@ from core.conditions import CONDITION_KEYS
 TIMES = ("t", "timestamp", "time")
 """Possible names of the time [s], if there is no mapping."""
 ARRIVED = "arrived"
+CALL = "call"
+"""Event of a line that keeps an ABORT or KNOCK IT OFF; it settles no sample."""
 NAN = float("nan")
 _decoder = msgspec.json.Decoder()
 
@@ -40,7 +42,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
         if header is None:
             raise TelemetryError("its first line is damaged: export the journal again")
         conditions, limits = _conditions(header), list[dict[str, Any]]()
-        begun, ended = list[list[float]](), None
+        begun, calls, ended = list[list[float]](), list[float](), None
         rows = _Rows(*_declared(header), frozenset(conditions.values()))
         for number, line in enumerate(file, 2):
             if not line.endswith(b"\n"):
@@ -52,6 +54,8 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
                 arrived = _number(plain.get("a"))
                 if plain.get("e") == "manoeuvre" and isfinite(arrived):
                     begun.append([arrived, rows.n])
+                if plain.get("e") == CALL and isfinite(called := _number(plain.get("t"))):
+                    calls.append(called)
                 ended = arrived if plain.get("e") == "end" and isfinite(arrived) else None
                 continue
             if plain is not None and rows.add(plain):
@@ -74,7 +78,8 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
         limits=tuple(limits),
         conditions=conditions,
         flown=_source(header)
-        | {"begun": begun, "ended": ended, "declared": _declared_condition(header)},
+        | {"begun": begun, "calls": calls, "ended": ended}
+        | {"declared": _declared_condition(header)},
     )
 
 

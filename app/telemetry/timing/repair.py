@@ -26,7 +26,7 @@ class FlownOrder:
     traces: in order of arrival, on the clock of the source.   arrived: (n,) [s].
     delay: longest wait of a sample for others [s]; None for the usual one.   is_trimmed: whether
     the samples were already from trim.   begun: when manoeuvres began by hand, arrival [s] and rows
-    before it.
+    before it.   calls: times of ABORT and KNOCK IT OFF [s].
     ended: when the flight ended [s]; None if its server was killed.
     """
 
@@ -36,6 +36,7 @@ class FlownOrder:
     is_trimmed: bool = False
     begun: tuple[tuple[float, int], ...] = ()
     ended: float | None = None
+    calls: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
