@@ -122,8 +122,9 @@ class SampleState(Message):
     reason: str
     cause: Cause | None = Field(
         default=None,
-        description="why it is invalid: outside every manoeuvre, or the limits in force are not "
-        "the monitor's (`not_applicable`) or unknown; of a live flight that warms up between "
+        description="why it is invalid: outside every manoeuvre, needed channels `missing`, the "
+        "sample `lost` to its time or an implausible value, or the limits in force are not "
+        "the monitor's (`not_applicable`) or unknown; null for its validity; of a live flight that warms up between "
         "manoeuvres: trim is measured (`rest`), something moves, or `ready` for an input",
     )
 

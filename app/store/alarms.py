@@ -11,7 +11,7 @@ from app.store.repository import NotFound, Repository, columns, require
 from app.store.tables import alarms, flight_markers, flights, new_id, now
 from core.flight_events import Alarm, FlightMarker
 from core.limits.exceedance import DOUBTS, MeasuredExceedance
-from core.monitor.assessment import State
+from core.monitor.assessment import Cause, State
 from core.monitor.status import Level, cause_of
 
 _ALARMS = select(alarms.c.flight_id, *columns(alarms, Alarm)).order_by(alarms.c.number)
@@ -24,6 +24,7 @@ class AlarmRepository(Repository):
         """Store an alarm of a flight; one already stored under this number is left unchanged."""
         others: dict[str, Any] = {"id": new_id(), "level": str(alarm.level)}
         others["exceedance"] = alarm.exceedance and asdict(alarm.exceedance)
+        others["cause"] = alarm.cause and str(alarm.cause)
         self._add_numbered(alarms, flight_id, alarm, **others)
 
     def acknowledge(self, flight_id: str, number: int, by: str) -> Alarm:
@@ -64,7 +65,8 @@ def _alarm(row: Mapping[Any, Any]) -> Alarm:
         by_reason = next((doubt for doubt in DOUBTS if doubt in reason), "")
         about["exceedance"] = MeasuredExceedance(**{"doubt": by_reason} | row["exceedance"])
     if row["kind"] == "invalid":
-        about["cause"] = row["cause"] or cause_of(State.INVALID, reason)
+        known = row["cause"] and Cause(row["cause"])
+        about["cause"] = known or cause_of(State.INVALID, reason)
     del about["id"], about["flight_id"]
     return Alarm(**about)
 

@@ -301,7 +301,8 @@ class FlightRepository(Entries[FlightInfo]):
         ValueError for wrong shapes and for samples that are already stored.
         """
         if cause is None:
-            cause = causes_of(state, reasons or [REASONS[code] for code in np.asarray(state)])
+            codes = np.asarray(state, np.uint8)
+            cause = causes_of(codes, reasons or [REASONS[code] for code in codes])
         if manoeuvre is None:
             manoeuvre = np.full(len(cause), UNKNOWN)
         samples = pack(t, y, p_value, alert, state, y_hat, cause, manoeuvre)

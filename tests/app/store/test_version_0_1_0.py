@@ -119,7 +119,8 @@ def test_every_sample_and_alarm_of_the_flight_is_there(store: Store) -> None:
     alarms = ANSWERS[f"flights/{FLIGHT}/alarms"]
     for alarm, answered in zip(store.alarms.of(FLIGHT), alarms, strict=True):
         of_its_own = "kind", "level", "exceedance", "reason", "stored", "cause"
-        assert_answers(alarm, answered | {"id": alarm.id}, "channels", *of_its_own)
+        of_its_own += "channels", "arrived", "manoeuvre"
+        assert_answers(alarm, answered | {"id": alarm.id}, *of_its_own)
         assert (alarm.kind, alarm.level, alarm.exceedance) == ("risk", "warning", None)
 
 
