@@ -124,8 +124,9 @@ class SampleState(Message):
         default=None,
         description="why it is invalid: outside every manoeuvre, needed channels `missing`, the "
         "sample `lost` to its time or an implausible value, or the limits in force are not "
-        "the monitor's (`not_applicable`) or unknown; null for its validity; of a live flight that warms up between "
-        "manoeuvres: trim is measured (`rest`), something moves, or `ready` for an input",
+        "the monitor's (`not_applicable`) or unknown; null for its validity; of a live flight that "
+        "warms up between manoeuvres: trim is measured (`rest`), something moves, or `ready` for "
+        "an input",
     )
 
 

@@ -11,8 +11,8 @@ from sqlalchemy import select, update
 
 from app.assessment.outcome import OUTCOMES, verdict_of
 from app.flights.ended import Record, records
-from app.store.arrays import to_blob
 from app.store.assessments import UNKNOWN, chunk_of
+from app.store.datasets import to_blob
 from app.store.store import open_store
 from app.store.tables import alarms, assessment_chunks
 from core.channels import KEYS
