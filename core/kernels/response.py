@@ -36,11 +36,8 @@ SAMPLES = 4
 """Samples per transposed store: 4 samples x 6 channels are three blocks of eight."""
 MOST_INPUTS = 5
 """Of a step: two commands, the fading rests of earlier ones, the rate of a gust."""
-GROUPS = 2
-"""Groups of eight rollouts that alternate: one computes while the other waits for its sums."""
 LANES_IWORK = 2 * WIDTH + SAMPLES * N_CHANNELS
 """Integers per eight rollouts: their numbers, their positions in `out`, sources of channels."""
-LINEAR_IWORK = GROUPS * LANES_IWORK
 
 
 class Hold(NamedTuple):
@@ -69,7 +66,7 @@ def linear_work(nx: int, m: int, n_samples: int, n_out: int, in_loop: Pilots) ->
     """Workspace of `roll_out_linear` [numbers]."""
     n = nx + 2 + m
     own = 2 * n_samples + n_out + memory_of(in_loop)
-    return GROUPS * (_places(nx, m).loop + own * WIDTH + scratch(n))
+    return _places(nx, m).loop + scratch(n) + own * WIDTH
 
 
 @jit
@@ -213,7 +210,7 @@ def take_command(w, commands, at, u, e):
 
 
 class _LinearPlaces(NamedTuple):
-    """Positions in the workspace of a group. line: length of a state of eight rollouts."""
+    """Positions in the workspace. line: length of a state of eight rollouts."""
 
     n: int
     line: int
@@ -272,7 +269,7 @@ def roll_out_linear(
 
     hold, gusts, in_loop: Hold, Gusts and Pilots; with pilots in the loop, commands are not shared.
     out: the first samples may be missing, a multiple of SAMPLES.
-    work: `linear_work` numbers, aligned; iwork: LINEAR_IWORK integers.
+    work: `linear_work` numbers, aligned; iwork: LANES_IWORK integers.
     With a pedal lag the surfaces follow u + e: the held command, and the rest of earlier jumps,
     which fades as exp(-t / lag). Both are exact, without additional states.
     """
@@ -280,59 +277,42 @@ def roll_out_linear(
     n_samples = pilot.shape[1]
     length = out.shape[1] * N_CHANNELS
     at = _places(nx, law[0].shape[0])
-    w0, which0, target = address(work), address(iwork), address(out)
-    w_bytes, which_bytes = 8 * (at.loop + scratch(at.n)), 8 * LANES_IWORK
-    commands0 = w0 + GROUPS * w_bytes
-    commands_bytes = 8 * 2 * n_samples * WIDTH if pilot.shape[0] > 1 else 0
-    rates0, is_gusty = commands0 + GROUPS * 8 * 2 * n_samples * WIDTH, gusts.state >= 0
-    rates_bytes = 8 * gusts.sideslip.shape[1] * WIDTH
+    w, which, target = address(work), address(iwork), address(out)
+    commands = w + 8 * (at.loop + scratch(at.n))
+    rates, is_gusty = commands + 8 * 2 * n_samples * WIDTH, gusts.state >= 0
     is_lagged, fade = hold.decays[0] != 0.0, splat(hold.decays[0])
     n_inputs = np.int64(5 if is_gusty else 4 if is_lagged else 2)
-    seat = seats(in_loop, rates0 + GROUPS * rates_bytes)
-    for base in range(first, last, GROUPS * WIDTH):
-        groups = min(GROUPS, (last - base + WIDTH - 1) // WIDTH)
-        for g in range(groups):
-            w, which = w0 + g * w_bytes, which0 + g * which_bytes
-            place_lanes(which, base + g * WIDTH, n_rollouts, length)
-            if not _begin(w, at, plants, law, bandwidth, hold, gusts.state, n_inputs, which):
-                return base
-            if is_gusty:
-                gather_gusts(gusts, which, hold.step, rates0 + g * rates_bytes)
-            if base == first or commands_bytes > 0:
-                gather_commands(pilot, which, commands0 + g * commands_bytes)
-        now = 0
-        filled = np.int64(1)
+    seat = seats(in_loop, rates + 8 * gusts.sideslip.shape[1] * WIDTH)
+    for base in range(first, last, WIDTH):
+        place_lanes(which, base, n_rollouts, length)
+        if not _begin(w, at, plants, law, bandwidth, hold, gusts.state, n_inputs, which):
+            return base
+        if base == first or pilot.shape[0] > 1:
+            gather_commands(pilot, which, commands)
+        if is_gusty:
+            gather_gusts(gusts, which, hold.step, rates)
+        z, filled, begun = at.z, np.int64(1), 0
         written = np.int64(length - ((n_samples - 1) * hold.substeps + 1) * N_CHANNELS)
-        begun = 0
         for k in range(n_samples - 1):
-            for g in range(groups):
-                w, commands = w0 + g * w_bytes, commands0 + g * commands_bytes
-                if seat.n_axes > 0:
-                    places = at.rows, at.z + now, nx + 2, which0 + g * which_bytes
-                    steer_lanes(seat, g * WIDTH, w, *places, commands, k)
-                take_command(w, commands, 2 * k * WIDTH, at.u, at.e)
+            if seat.n_axes > 0:
+                steer_lanes(seat, np.int64(0), w, at.rows, z, nx + 2, which, commands, k)
+            take_command(w, commands, 2 * k * WIDTH, at.u, at.e)
             for _ in range(hold.substeps):
-                for g in range(groups):
-                    w = w0 + g * w_bytes
-                    if is_gusty:
-                        rate = load(rates0 + g * rates_bytes, begun * WIDTH)
-                        store(w, at.rate, rate)
-                    _advance(w, at, n_inputs, at.z + now, at.z + filled * at.line)
-                    if is_lagged:
-                        store(w, at.e, multiply(fade, load(w, at.e)))
-                        store(w, at.e + WIDTH, multiply(fade, load(w, at.e + WIDTH)))
-                now = filled * at.line
-                begun += 1
+                if is_gusty:
+                    store(w, at.rate, load(rates, begun * WIDTH))
+                    begun += 1
+                following = at.z + filled * at.line
+                _advance(w, at, n_inputs, z, following)
+                if is_lagged:
+                    store(w, at.e, multiply(fade, load(w, at.e)))
+                    store(w, at.e + WIDTH, multiply(fade, load(w, at.e + WIDTH)))
+                z = following
                 filled += 1
                 if filled == SAMPLES:
-                    for g in range(groups):
-                        w, which = w0 + g * w_bytes, which0 + g * which_bytes
-                        write_samples(
-                            w, at.rows, at.z, at.line, at.y, nx, which, filled, target, written
-                        )
+                    write_samples(
+                        w, at.rows, at.z, at.line, at.y, nx, which, filled, target, written
+                    )
                     written += SAMPLES * N_CHANNELS
                     filled = 0
-        for g in range(groups):
-            w, which = w0 + g * w_bytes, which0 + g * which_bytes
-            write_samples(w, at.rows, at.z, at.line, at.y, nx, which, filled, target, written)
+        write_samples(w, at.rows, at.z, at.line, at.y, nx, which, filled, target, written)
     return -1

@@ -25,7 +25,6 @@ from core.kernels.lanes import (
 )
 from core.kernels.pilot import Pilots, memory_of, seats, steer_lanes
 from core.kernels.response import (
-    LANES_IWORK,
     SAMPLES,
     gather_commands,
     gather_gusts,
@@ -34,8 +33,6 @@ from core.kernels.response import (
     take_command,
     write_samples,
 )
-
-LIMITED_IWORK = LANES_IWORK
 
 
 class Surfaces(NamedTuple):
@@ -209,7 +206,7 @@ def roll_out_limited(
 
     surfaces, steps, gusts, in_loop: Surfaces, TimeSteps, Gusts and Pilots; with pilots in the loop,
     commands are not shared.   out: as in `roll_out_linear`.
-    work: `limited_work` numbers, aligned; iwork: LIMITED_IWORK integers.
+    work: `limited_work` numbers, aligned; iwork: LANES_IWORK integers.
     """
     n_rollouts, nx = plants[0].shape[:2]
     n_samples = pilot.shape[1]

@@ -11,8 +11,7 @@ from core.kernels.compiled import in_chunks
 from core.kernels.lanes import WIDTH, aligned
 from core.kernels.pilot import NOBODY, Pilots
 from core.kernels.response import (
-    GROUPS,
-    LINEAR_IWORK,
+    LANES_IWORK,
     SAMPLES,
     Gusts,
     Hold,
@@ -20,7 +19,6 @@ from core.kernels.response import (
     roll_out_linear,
 )
 from core.kernels.saturation import (
-    LIMITED_IWORK,
     Surfaces,
     TimeSteps,
     limited_work,
@@ -30,7 +28,7 @@ from core.simulation.control_law import FEEDBACK, PHI_STATE, SURFACES, Actuator,
 from core.simulation.uncertain_plant import Plants
 from core.types import Array
 
-CHUNK = 32 * GROUPS * WIDTH
+CHUNK = 64 * WIDTH
 """Rollouts that a thread processes at a time."""
 LONGEST_STEP = 0.002
 """[s] Runge-Kutta step where surfaces have limits, and at most a fifth of the fastest time constant
@@ -83,15 +81,15 @@ def roll_out(
         hold = Hold(step, substeps, series, decays)
         about = actuator.bandwidth_rad_s, pilot, hold, gusts, in_loop
         kernel = partial(roll_out_linear, plants, law, *about)
-        work, iwork = linear_work(n_states, m, pilot.shape[1], n_out, in_loop), LINEAR_IWORK
+        work = linear_work(n_states, m, pilot.shape[1], n_out, in_loop)
     else:
         steps = _runge_kutta(step, actuator, controller, pedal_lag_s, substeps)
         about = _surfaces(actuator), pilot, steps, gusts, in_loop
         kernel = partial(roll_out_limited, plants, law, *about)
-        work, iwork = limited_work(n_states, m, pilot.shape[1], n_out, in_loop), LIMITED_IWORK
+        work = limited_work(n_states, m, pilot.shape[1], n_out, in_loop)
 
     def simulate(start: int, stop: int) -> None:
-        failed = kernel(aligned(work), np.empty(iwork, np.int64), out, start, stop)
+        failed = kernel(aligned(work), np.empty(LANES_IWORK, np.int64), out, start, stop)
         if failed >= 0:
             raise ValueError(_failure(plants, failed, step))
 
@@ -198,10 +196,11 @@ def _runge_kutta(
 
 def _failure(plants: Plants, first: int, step: float) -> str:
     """The reason why the block of rollouts starting at `first` failed."""
-    for i in range(first, min(first + GROUPS * WIDTH, len(plants.a))):
+    last = min(first + WIDTH, len(plants.a)) - 1
+    for i in range(first, last + 1):
         if not all(np.isfinite(matrix[i]).all() for matrix in plants):
             return f"plant {i} holds numbers that are not finite; check its uncertainty"
     return (
-        f"a plant among {first} to {min(first + GROUPS * WIDTH, len(plants.a)) - 1} is too fast "
+        f"a plant among {first} to {last} is too fast "
         f"for steps of {step:g} s; check its numbers' size, or give a smaller dt"
     )
