@@ -10,6 +10,7 @@ import { labelled, select } from "../forms/controls.js";
 import { needs, reason } from "../lib/api.js";
 import { isSimulated, limitsOfMonitor } from "../lib/catalog.js";
 import { button, empty, errorLine, formatted, h, link, loadingView, pageOf, put } from "../lib/dom.js";
+import { fittingMonitor } from "../lib/monitors.js";
 import { storeCheck, worstOf } from "../lib/session_check.js";
 import { CALLOUTS } from "./alarms/tone.js";
 import { showLiveFlight, tone } from "./live_flight.js";
