@@ -19,7 +19,7 @@ from app.jobs import requests, training
 from app.store import disk
 from app.telemetry.readers import isolation, worker
 from core.dataset import Dataset
-from core.evaluation import robustness
+from core.evaluation import lead_sweep, robustness
 from core.monitor import Monitor, peak_ridge
 from core.monitor.validity import support
 from core.planned_test import amplitude, collection
@@ -159,15 +159,19 @@ def hold_little() -> Iterator[None]:
 @pytest.fixture(scope="module")
 def few_flights() -> Iterator[None]:
     """In a module that shows how training goes, not how well, fewer flights than a user's."""
+    fewer = partial(collection.training_rollouts, n=400)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(training, "training_rollouts", partial(training.training_rollouts, n=400))
+        for module in (training, lead_sweep):
+            patch.setattr(module, "training_rollouts", fewer)
         patch.setattr(training, "CHOICE_FLIGHTS", 300)
         patch.setattr(requests, "N_TEST", 300)
         patch.setattr(collection, "FIRST_CHUNK", 64)
+        patch.setattr(collection, "CHUNKS_AHEAD", 1)
         patch.setattr(collection, "FRESH_BATCH", 200)
-        patch.setattr(support, "LEAST", 200)
+        patch.setattr(support, "LEAST", 50)
+        patch.setattr(support, "LEVEL", support.WORST_LEVEL)
         patch.setattr(robustness, "N_NEAR", 15)
-        patch.setattr(amplitude, "PILOT_ROLLOUTS", 100)
+        patch.setattr(amplitude, "PILOT_STEPS", 0)
         patch.setattr(peak_ridge, "MOST_FLIGHTS", 400)
         yield
 

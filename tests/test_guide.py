@@ -27,7 +27,7 @@ from tests.support.patience import until
 GUIDE = STATIC / "guide"
 SMALL = {
     "study": ["--n-monitors", "2", "--n-test", "50"],
-    "train": ["--n-unsafe", "100", "--n-test", "20", "--epsilon", "0.1"],
+    "train": ["--n-unsafe", "60", "--n-test", "20", "--epsilon", "0.1"],
     "combine": ["--n-unsafe", "50", "--n-test", "200"],
     "report": ["--n-test", "200"],
     "choose-epsilon": ["--n-test", "3000"],

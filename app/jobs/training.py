@@ -269,7 +269,9 @@ def _trained(
 ) -> tuple[Monitor, dict[str, Any], int]:
     """A monitor, the methods tried, and the number of flights that taught it beside the dataset."""
     recipe = recipe.as_planned()
-    learning, failures = training_rollouts(test, executor=executor), None
+    learning = failures = None
+    if choose or recipe.predictor.forecast:
+        learning = training_rollouts(test, executor=executor)
     if choose or recipe.predictor.forecast == "ensemble":
         grouped = test if isinstance(test, OwnTest) else replace(test, groups=recipe.groups)
         failures = _fresh_failures(grouped, progress, executor)
@@ -279,14 +281,14 @@ def _trained(
         tried = evaluation_flights(test, CHOICE_FLIGHTS, Branch.CHOICE, executor)
         choosing = replace(dataset.flights(), **tried._asdict())
     monitor, methods = _learned(dataset, recipe, choosing, learning, failures)
-    return monitor, methods, len(learning.y) + (0 if failures is None else len(failures.y))
+    return monitor, methods, sum(len(each.y) for each in (learning, failures) if each is not None)
 
 
 def _learned(
     dataset: Dataset,
     recipe: MonitorRecipe,
     choosing: LabelledFlights | None,
-    learning: Flights,
+    learning: Flights | None,
     failures: Flights | None = None,
 ) -> tuple[Monitor, dict[str, Any]]:
     """A monitor of the recipe's method, or of the best one on `choosing`, and those tried.

@@ -51,7 +51,7 @@ def try_methods(
     dataset: Dataset,
     flights: LabelledFlights,
     recipe: MonitorRecipe,
-    learning: Flights,
+    learning: Flights | None,
     failures: Flights | None = None,
 ) -> dict[str, tuple[Monitor, MethodCounts]]:
     """Each method that works without a test card, trained on a dataset and tried on flights.

@@ -75,14 +75,14 @@ def test_a_job_shows_its_progress_and_can_be_cancelled(tmp_path: Path):
 
 def test_its_flights_repeat_and_stop_as_those_of_other_aircraft():
     simulator = JsbsimTest().as_trained().simulator()
-    flights = simulator.rollouts(40, np.random.default_rng(2))
-    again = simulator.rollouts(40, np.random.default_rng(2))
+    flights = simulator.rollouts(20, np.random.default_rng(2))
+    again = simulator.rollouts(20, np.random.default_rng(2))
     np.testing.assert_array_equal(flights.y, again.y)
-    assert 0 < flights.is_unsafe.sum() < 40
-    every, n_samples = np.arange(40), flights.y.shape[1]
-    stopped = simulator.stopping(40, np.random.default_rng(2))
-    np.testing.assert_array_equal(stopped(every, np.full(40, n_samples)), flights.fail_index)
-    assert (stopped(every, np.full(40, 8)) == n_samples).all()
+    assert 0 < flights.is_unsafe.sum() < 20
+    every, n_samples = np.arange(20), flights.y.shape[1]
+    stopped = simulator.stopping(20, np.random.default_rng(2))
+    np.testing.assert_array_equal(stopped(every, np.full(20, n_samples)), flights.fail_index)
+    assert (stopped(every, np.full(20, 8)) == n_samples).all()
 
 
 @pytest.mark.parametrize(("key", "surface", "rate"), [("q", 2, -1), ("p", 0, -1), ("r", 1, -1)])

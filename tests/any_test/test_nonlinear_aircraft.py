@@ -25,6 +25,7 @@ WIND_UP_TURN: dict[str, Any] = {
     "maneuver": {"kind": "wind_up_turn", "amplitude_deg": "auto"},
     "limits": {"alpha_high_deg": 12.0},
     "n_unsafe": 40,
+    "max_safe": 40,
     "seed": 2,
 }
 
@@ -142,7 +143,7 @@ def test_a_wind_up_turn_goes_from_request_to_flight(tmp_path: Path):
         assert len(seen[0]["y"]) == len(FLIGHT)
         assert "ok" in {frame["state"] for frame in seen}
         assert any(frame["alert"] for frame in seen)
-        sizes = {"dataset": dataset["id"], "n_monitors": 1, "n_test": 60}
+        sizes = {"dataset": dataset["id"], "n_monitors": 1, "n_test": 30}
         job = finished(client, client.post("/api/v1/studies", json=sizes))
         neighbors = ["linear + nearest neighbor", "no prediction", "PCA"]
         others = [*baselines_for(FLIGHT)]

@@ -149,7 +149,7 @@ def test_the_best_choice_is_found_among_three() -> None:
 
 
 def test_the_ceiling_is_above_every_calibrated_rule_on_the_same_flights() -> None:
-    build_up = FlownBuildUp(TESTS["F-16"].as_flown(), SMALL, 0)
+    build_up = FlownBuildUp(TESTS["F-16"].as_flown(), replace(SMALL, n_flown=60), 0)
     over = build_up.flown[0].is_unsafe
     known, calibrated = (
         counts_of(ruled(build_up, rule), over).sum(axis=1) for rule in ("known", "calibrated")
@@ -163,7 +163,7 @@ def test_the_ceiling_is_above_every_calibrated_rule_on_the_same_flights() -> Non
 def test_a_retrained_monitor_avoids_more_with_a_lower_threshold_of_each_kind(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(with_monitor, "N_POINTS", 12)
+    monkeypatch.setattr(with_monitor, "N_POINTS", 6)
     monkeypatch.setattr(retraining, "PROMISES", (0.1, 0.3))
     build_up = FlownBuildUp(TESTS["F-16"].as_flown(), replace(SMALL, n_flown=20), 0)
     by_epsilon, by_chance, by_promise = retrained(build_up, 1, (0.1, 0.5, WITHOUT))

@@ -16,7 +16,7 @@ def test_power_is_that_of_the_score_that_misses_epsilon() -> None:
 
 
 def test_a_warner_that_sees_true_outputs_is_quiet_more_often() -> None:
-    recipe = RollCeilingRecipe(tests=(NAME,), n_flights=3_000)
+    recipe = RollCeilingRecipe(tests=(NAME,), n_flights=1_500)
     test = ROLLS[NAME]
     rows = [
         reached(NAME, who, scores, judged, test, recipe)

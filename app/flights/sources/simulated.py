@@ -71,15 +71,16 @@ def simulate(
     if theta is not None:
         rollouts, _ = simulator.fly(_given(simulator.parameters, theta)[np.newaxis], rng)
         return _track(simulator, rollouts, 0)
+    batch = min(BATCH, recipe.most_at_once)
     for _ in range(MOST_BATCHES):
-        rollouts = simulator.rollouts(BATCH, rng)
-        wanted = np.ones(BATCH, bool)
+        rollouts = simulator.rollouts(batch, rng)
+        wanted = np.ones(batch, bool)
         if outcome != "any":
             wanted = rollouts.is_unsafe == (outcome == "unsafe")
         if wanted.any():
             return _track(simulator, rollouts, int(wanted.argmax()))
     raise SourceError(
-        f"none of {BATCH * MOST_BATCHES} random aircraft was {outcome}: choose another "
+        f"none of {batch * MOST_BATCHES} random aircraft was {outcome}: choose another "
         "outcome, theta or amplitude"
     )
 

@@ -11,6 +11,8 @@ from app.jobs.training import too_few, train_and_test
 from app.recipes.recipes import USUAL_MONITOR
 from core.dataset import Dataset
 from core.monitor import MonitorRecipe, train
+from core.monitor.predictor import Linear
+from core.monitor.score import NearestNeighbor
 from core.planned_test.collection import (
     DatasetRecipe,
     collect,
@@ -20,6 +22,7 @@ from core.planned_test.collection import (
 )
 from core.planned_test.near import near_failures, near_rollouts
 from core.seeds import Branch
+from tests.support.own_pitch import pitch, small_test
 
 RECIPE = DatasetRecipe(n_unsafe=30, seed=4)
 
@@ -50,6 +53,17 @@ def test_training_calibrates_validity_even_without_a_test(simulated: Dataset) ->
 def test_the_same_order_gives_the_same_monitor_file(simulated: Dataset) -> None:
     twice = [train_and_test(simulated, MonitorRecipe(), n, nothing).monitor for n in (0, 50)]
     assert replace(twice[1], evaluation=None).to_bytes() == twice[0].to_bytes()
+
+
+def test_flights_that_teach_the_method_nothing_are_not_flown(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.delattr(training, "training_rollouts")
+    test = small_test(pitch)
+    recipe = MonitorRecipe(
+        epsilon=0.2, guarantee="average", predictor=Linear(), score=NearestNeighbor()
+    )
+    assert train_and_test(collect(test), recipe, 0, nothing, test=test).monitor.n_unsafe == 20
 
 
 def test_its_flights_neither_train_nor_test(simulated: Dataset) -> None:
