@@ -113,6 +113,8 @@ class OwnSimulator:
                 "from the generator that it is given"
             )
         self._check(~np.isfinite(y[:, :1]), theta)
+        if hasattr(self, "fly") and not isinstance(self.own, FlightByFlight):  # else found last
+            self._given(2, self.own.fly, theta[:2].copy(), stream(seed, Branch.PILOT_RUN))
         self.check_unlike(y)
         self._check_units(y)
         return y
@@ -169,6 +171,11 @@ class OwnSimulator:
     def _stopping(self, n: int, rng: np.random.Generator) -> Stopped:
         with running(self.name):
             repeat = self.own.stopping(n, rng)
+        if not callable(repeat):
+            raise OwnCodeError(
+                f"{self.name}: stopping(n, rng) returned type {type(repeat).__name__}: return a "
+                "function of flights and samples"
+            )
 
         def stopped(which: Indices, neutral_from: Indices) -> Indices:
             if not len(which):
@@ -236,7 +243,9 @@ class OwnSimulator:
                 f"{self.dictionary.channels[shown].unit}, which a quarter of these flights exceed"
             )
         if fail_index is not None:
-            needed = f"give a whole number for each of {len(y)} flights, or None"
+            needed = f"give the first failing sample or -1 for each of {len(y)} flights, or None"
+            if np.asarray(fail_index).dtype == bool:
+                raise OwnCodeError(f"{self.name} returned true and false as fail_index: {needed}")
             fail_index = numbers(fail_index, f"{self.name}: fail_index", needed)
             if not np.array_equal(fail_index, np.round(fail_index)):
                 raise OwnCodeError(f"{self.name} returned fractions in fail_index: {needed}")

@@ -213,8 +213,8 @@ class FlightByFlight(ABC):
                     given = given(rng)
             each = numbers(given, what, needed)
             each = each[:, np.newaxis] if each.ndim == 1 else each
-            if each.ndim != 2 or not np.isfinite(each).all():
-                missing = " with missing or infinite values" if each.ndim == 2 else ""
+            if each.ndim != 2 or len(each) < 2 or not np.isfinite(each).all():
+                missing = "" if np.isfinite(each).all() else " with missing or infinite values"
                 raise OwnCodeError(f"{what} is {_short(given)}{missing}: {needed}")
             if drawn and each.shape != drawn[0].shape:
                 raise OwnCodeError(

@@ -167,12 +167,15 @@ THEIRS = r"changed \(test_own\.py, line \d+\), rollout [12] of 50 \(stiffness=[\
             some(lambda rows: [*rows[:-1], [0.0]]),
             r"outputs\[80\] has shape \(1,\), the first .*\(4,\)",
         ),
-        (some(lambda rows: [*rows[:-1], [0, "a", 0, 0]]), r"outputs\[80\]\[1\] is 'a', a str"),
-        (some(lambda rows: [*rows[:-1], [0, "1.5", 0, 0]]), r"outputs\[80\]\[1\] is '1.5', a str"),
-        (some(lambda rows: np.array(rows) + 1j), r"outputs\[0\]\[0\] is .*, a complex128"),
+        (some(lambda rows: [*rows[:-1], [0, "a", 0, 0]]), r"outputs\[80\]\[1\] is 'a' of type str"),
+        (
+            some(lambda rows: [*rows[:-1], [0, "1.5", 0, 0]]),
+            r"outputs\[80\]\[1\] is '1.5' of type str",
+        ),
+        (some(lambda rows: np.array(rows) + 1j), r"outputs\[0\]\[0\] is .* of type complex128"),
         (some(lambda rows: np.array(rows, object)), r"outputs\[0\] is an array of objects"),
         (some(lambda rows: None), "outputs is None: return"),
-        (some(lambda rows: "ok"), "outputs is 'ok', a str: return"),
+        (some(lambda rows: "ok"), "outputs is 'ok' of type str: return"),
         (some(stopped), r"failed in test_own\.py, line \d+, 'raise Runtime.*no convergence"),
     ],
     ids=[
@@ -190,8 +193,9 @@ def test_the_rollout_and_output_that_cannot_be_used_are_named(own: Any, told: st
     ("inputs", "told"),
     [
         (lambda rng: None, "inputs of rollout 1 is None"),
-        (lambda rng: "up", "inputs of rollout 1 is 'up', a str"),
+        (lambda rng: "up", "inputs of rollout 1 is 'up' of type str"),
         (lambda rng: np.full(9, np.nan), r"of shape \(9,\) with missing or infinite"),
+        (lambda rng: [], r"of shape \(0,\): give finite numbers"),
         (lambda rng: np.zeros(rng.integers(60, 70)), r"of rollout \d is .* that of rollout 1"),
         (lambda: None, r"inputs of rollout 1 failed in test_own\.py.*positional"),
     ],
@@ -225,7 +229,7 @@ class Worded(Pitch):
     ("own", "told"),
     [
         (Unequal(), r"y\[3\] has shape \(80, 4\), the first one \(81, 4\): give \(50 flights"),
-        (Worded(), r"fail_index\[0\] is 'late', a str"),
+        (Worded(), r"fail_index\[0\] is 'late' of type str"),
     ],
 )
 def test_the_output_of_an_object_is_named(own: Any, told: str):
@@ -239,6 +243,22 @@ def test_outputs_in_degrees_are_refused():
 
     with pytest.raises(OwnCodeError, match=r"alpha up to .* rad.* return it in rad"):
         OwnSimulator.of(declared(degrees), "it").outputs(9, 0)
+
+
+class Flagged(Pitch):
+    def rollouts(self, n: int, rng: np.random.Generator) -> Any:
+        y, _, theta = super().rollouts(n, rng)
+        return y, np.zeros(n, bool), theta
+
+
+class Stopping(Pitch):
+    def stopping(self, n: int, rng: np.random.Generator) -> Any:
+        return 5
+
+
+class FlownWrong(Pitch):
+    def fly(self, theta: Any, rng: np.random.Generator) -> Any:
+        return theta
 
 
 class Labelled(Pitch):
@@ -269,14 +289,18 @@ class OtherTheta(Pitch):
             declared(broken),
             r"test_own\.py, line \d+, 'return \[\[1\.0 / .* ZeroDivisionError: ",
         ),
-        (WithoutLabels(), "tuple.*y, fail_index .* theta"),
+        (WithoutLabels(), "2 values.*y, fail_index .* theta"),
+        (Flagged(), "returned true and false as fail_index: give the first failing sample or -1"),
+        (Stopping(), "returned type int: return a function of flights and samples"),
         (OtherTheta(), r"theta of shape \(50, 1\): give .* \(50 flights, 2 parameters\)"),
     ],
-    ids=["nan", "samples", "channels", "raises", "pair", "theta"],
+    ids=["nan", "samples", "channels", "raises", "pair", "flags", "stopping", "theta"],
 )
 def test_what_cannot_be_used_is_refused_in_one_sentence(own: Any, told: str):
+    test = small_test(own)
+    flown = stopping_flights if isinstance(own, Stopping) else evaluation_flights
     with pytest.raises(OwnCodeError, match=told) as refused:
-        evaluation_flights(small_test(own), 50)
+        flown(test, 50)
     assert "\n" not in str(refused.value)
 
 
@@ -307,7 +331,12 @@ class Recorded(Pitch):
 
 
 @pytest.mark.parametrize(
-    ("own", "told"), [(Unseeded(), "same seed"), (Recorded(), "8 flights of 9")]
+    ("own", "told"),
+    [
+        (Unseeded(), "same seed"),
+        (Recorded(), "8 flights of 9"),
+        (FlownWrong(), "returned type ndarray: return three values"),
+    ],
 )
 def test_flights_must_be_reproducible_and_unlike_each_other(own: Any, told: str):
     with pytest.raises(OwnCodeError, match=told):
@@ -317,11 +346,11 @@ def test_flights_must_be_reproducible_and_unlike_each_other(own: Any, told: str)
 @pytest.mark.parametrize(
     ("own", "told"),
     [
-        (fly, "a function, not a simulator: declare it by @simulator"),
-        (Pitch, "a type, not a simulator"),
-        (3.0, "a float, not a simulator: give an object with dictionary, parameters"),
+        (fly, "of type function .*, not a simulator: declare it by @simulator"),
+        (Pitch, "a class, not a simulator"),
+        (3.0, "of type float .*, not a simulator: give an object with dictionary, parameters"),
         (replace(pitch, dt=0.0), "dt=0"),
-        (replace(pitch, dt="slow"), "dt is 'slow', a str"),  # pyright: ignore
+        (replace(pitch, dt="slow"), "dt is 'slow' of type str"),  # pyright: ignore
         (replace(pitch, noise=[0.1]), "noise=.0.1.: give"),  # pyright: ignore
         (replace(pitch, noise={"Nz": "low"}), "noise of Nz is 'low'"),  # pyright: ignore
         (replace(pitch, noise=NOISE | {"Ny": 0.1}), "'Ny' is unknown"),
