@@ -22,7 +22,6 @@ from typing import Any, NoReturn, Protocol
 
 import numpy as np
 
-from core.kernels.compiled import is_alone
 from core.simulation.python_simulator import (
     FlightByFlight,
     ImpossibleError,
@@ -116,6 +115,8 @@ class ModelSimulator(FlightByFlight):
                     process.end()
                     values = dict(zip(names, theta[k].tolist(), strict=True))
                     errors[k] = f"{self.name}, {rollout_in_words(k, len(theta), values)}, {error}"
+
+        from core.kernels.compiled import is_alone  # slow to import in each process of a model
 
         most = 1 if is_alone() else self.processes
         self._started.run(fly, min(most, -(-len(theta) // AT_ONCE)))

@@ -12,13 +12,12 @@ from functools import cache
 from importlib.util import find_spec
 from math import ceil, cos, degrees, radians, sin
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
 
 from core.bounds import NOT_NEGATIVE, Bounds, check_bounds
-from core.kernels.six_dof import FlightPoint
 from core.recipe import family, instead_of
 from core.simulation.flight_process import Fly
 from core.simulation.point import POSITIVE, Breakpoints, PointRecipe
@@ -26,6 +25,9 @@ from core.simulation.published import FOOT, AircraftClass
 from core.simulation.python_simulator import ImpossibleError
 from core.simulation.simulator import Parameters
 from core.types import Array
+
+if TYPE_CHECKING:  # slow to import in each process of a model
+    from core.kernels.six_dof import FlightPoint
 
 LARGEST_STEP = 0.005
 """Step of integration [s]; with longer ones the peaks depend on it."""
@@ -122,7 +124,7 @@ class JsbsimAircraft:
         names = tuple(functions_of(self.model))
         return Parameters(names, np.ones(len(names)), np.full(len(names), self.spread))
 
-    def in_flight(self, point: FlightPoint, dt: float, keys: Sequence[str]) -> "Jsbsim":
+    def in_flight(self, point: "FlightPoint", dt: float, keys: Sequence[str]) -> "Jsbsim":
         """The aircraft trimmed at a point, with aileron, rudder and elevator [rad] as inputs.
 
         dt: [s] for which inputs are held.   keys: its outputs.

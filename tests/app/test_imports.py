@@ -35,6 +35,11 @@ def test_slow_libraries_are_loaded_only_when_they_are_used():
     assert run_apart(program).stdout.split() == []
 
 
+def test_the_process_of_a_model_loads_no_compiler():
+    program = "import sys, core.simulation.fmu, core.simulation.jsbsim; print('numba' in sys.modules)"
+    assert run_apart(program).stdout.split() == ["False"]
+
+
 def test_help_of_commands_loads_nothing_that_they_work_with():
     program = f"""
 import sys
