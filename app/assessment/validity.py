@@ -146,7 +146,10 @@ def support(assessed: AssessedSegment) -> tuple[ValidityVerdict, Withdrawal | No
         reason = f"not judged: {', '.join(missing)} not recorded"
         return ValidityVerdict(None, reasons=(reason,)), None
     streamed = assessed.streamed
-    return monitor.judge_and_withdraw(streamed.t, assessed.y_read, streamed)
+    verdict, withdrawal = monitor.judge_and_withdraw(streamed.t, assessed.y_read, streamed)
+    if withdrawal is not None:  # in the words that a flight gives when it withdraws
+        verdict = replace(verdict, reasons=(withdrawal.reason,))
+    return verdict, withdrawal
 
 
 def _support_text(verdict: ValidityVerdict) -> str:

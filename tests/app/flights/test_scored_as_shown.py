@@ -169,6 +169,19 @@ def test_a_scoring_of_a_flight_is_what_it_showed(
     check(attas, recorder, scored(attas, journal))
 
 
+def test_a_scoring_tells_why_in_the_words_of_the_flight(attas: Monitor, tmp_path: Path) -> None:
+    y = fly(1, 5).y[0]
+    y[:, :3] *= 1.6
+    recorder, journal = flown(attas, tmp_path, in_order(DT * np.arange(len(y), dtype=float), y))
+    shown = [sample.assessment for sample in recorder.waiting(0, 100_000)]
+    first = next(each for each in shown if each.state == "invalid")
+    (manoeuvre,) = scored(attas, journal).manoeuvres
+    assert "sigma" in first.reason
+    assert manoeuvre.withdrawn_t == first.t
+    assert (manoeuvre.withdrawn_reason, *manoeuvre.validity.reasons) == (first.reason,) * 2
+    assert first.reason in manoeuvre.guarantee
+
+
 def test_a_manoeuvre_begun_by_hand_is_scored_as_shown(attas: Monitor, tmp_path: Path) -> None:
     y = fly(1, 5).y[0]
     t = DT * np.arange(len(y), dtype=np.float64)
