@@ -354,7 +354,8 @@ def _fill(
     begin, end = max(rows.start, judged.first), min(rows.stop, judged.stop)
     target = _shifted(begin, end, rows.start)
     fields["manoeuvre"][target] = number
-    fields["y"][target] = judged.y[_shifted(begin, end, judged.first)]
+    y, recorded = judged.y[_shifted(begin, end, judged.first)], judged.assessed.recording.y
+    fields["y"][target] = np.where(np.isnan(judged.assessed.trim), recorded[begin:end], y)
     is_invalid = judged.withdrawal is not None and judged.withdrawal.first == 0
     fields["state"][target] = INVALID if is_invalid else WARMING_UP
     begin = max(begin, judged.begin)

@@ -20,11 +20,12 @@ BETWEEN = -1
 def sample_type(n_channels: int) -> np.dtype:
     """Type of a scored sample.
 
-    t: [s].   y: from trim, as assessed, NaN where not recorded; between manoeuvres, from the trim
-    of the one before.   p_value: NaN unless state is `ok`.   withdrawn: p-value where the monitor
-    was not applicable, NaN elsewhere.   alert: false unless state is `ok`.   state: index into
-    core.monitor.assessment.STATES.   manoeuvre: number, or BETWEEN.   y_hat: forecast, NaN without
-    one.   attitude: phi, theta, psi [rad], NaN where not recorded.
+    t: [s].   y: from trim, as assessed, as recorded where its trim is unknown, NaN where not
+    recorded; between manoeuvres, from the trim of the one before.   p_value: NaN unless state is
+    `ok`.   withdrawn: p-value where the monitor was not applicable, NaN elsewhere.   alert: false
+    unless state is `ok`.   state: index into core.monitor.assessment.STATES.   manoeuvre: number,
+    or BETWEEN.   y_hat: forecast, NaN without one.   attitude: phi, theta, psi [rad], NaN where not
+    recorded.
     """
     return np.dtype(
         [
@@ -93,7 +94,7 @@ class ScoredManoeuvre:
     where either is missing.   promised: lead time in effect [s].
     look_ahead: how long a sample waits for later ones in flight [s]; alerts come this much later.
     withdrawn_t: time from which the monitor is withdrawn to the end [s]; None if it is not.
-    withdrawn_reason: the reason known at that time; `validity` covers the whole manoeuvre.
+    withdrawn_reason: as the flight gives it then; the p-values of `validity` are of the whole.
     limits_in_force: of a limit set, in plain data, see InForceTimeline.intervals. They decide what
     an exceedance is; where they differ from the monitor's, it is not applicable.
     worst, worst_recorded: of each channel that exceeds a limit, see Limited.

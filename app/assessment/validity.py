@@ -105,6 +105,7 @@ def validity(assessed: AssessedSegment) -> tuple[Validity, Withdrawal | None]:
     failed = tuple(check.text for check in checks[:-1] if check.ok is False)
     valid = False if failed else verdict.valid
     lacking = () if enough.ok or failed else (enough.text,)
+    as_shown = verdict.reasons if withdrawal is None else (withdrawal.reason,)
     if lacking and valid:
         valid = None  # keep the assessments, but simulated flights have no such gaps
     result = Validity(
@@ -112,7 +113,7 @@ def validity(assessed: AssessedSegment) -> tuple[Validity, Withdrawal | None]:
         p_value=verdict.p_value,
         residual_p=verdict.residual_p,
         distance_p=verdict.distance_p,
-        reasons=failed + lacking + verdict.reasons,
+        reasons=failed + lacking + as_shown,
         checks=checks,
     )
     return result, Withdrawal(0, in_words(failed)) if failed else withdrawal
@@ -146,10 +147,7 @@ def support(assessed: AssessedSegment) -> tuple[ValidityVerdict, Withdrawal | No
         reason = f"not judged: {', '.join(missing)} not recorded"
         return ValidityVerdict(None, reasons=(reason,)), None
     streamed = assessed.streamed
-    verdict, withdrawal = monitor.judge_and_withdraw(streamed.t, assessed.y_read, streamed)
-    if withdrawal is not None:  # in the words that a flight gives when it withdraws
-        verdict = replace(verdict, reasons=(withdrawal.reason,))
-    return verdict, withdrawal
+    return monitor.judge_and_withdraw(streamed.t, assessed.y_read, streamed)
 
 
 def _support_text(verdict: ValidityVerdict) -> str:

@@ -15,9 +15,9 @@ from app.assessment.planned_test import known_test
 from app.assessment.segments import too_short
 from app.flights.display_monitors import stated_delay
 from app.flights.verdict import (
-    BEFORE,
     Circumstances,
     SampleCause,
+    before_exceedance,
     first_exceedance,
     is_jump,
     longest_manoeuvre,
@@ -25,7 +25,6 @@ from app.flights.verdict import (
     no_verdict,
     not_flown,
     planned_length,
-    unassessed,
     verdict,
     verdict_of_recording,
 )
@@ -201,7 +200,7 @@ def _verdict(
         return verdict_of_recording(scored, alarms, _exceeded(info, alarms), monitor.dt, promised)
     first = first_exceedance(alarms)
     if first is not None:
-        before = before_exceedance(store, info.id, first, monitor.lead, monitor.dt)
+        before = stored_before(store, info.id, first, monitor.lead, monitor.dt)
         live = info.source.get("kind") == "live"
         longest = longest_manoeuvre(planned_length(monitor.dataset_recipe))
         return verdict(alarms, Circumstances(promised, *before, live, longest))
@@ -309,13 +308,11 @@ def _exceeded(info: FlightInfo, alarms: Sequence[Alarm]) -> list[float]:
     return exceeded if info.exceeded_t is None else [*exceeded, info.exceeded_t]
 
 
-def before_exceedance(
+def stored_before(
     store: Store, flight_id: str, first: Alarm, lead: float, dt: float
 ) -> tuple[bool, bool, str]:
-    """`jumped`, `withdrawn` and `unassessed` of the Circumstances of the first exceedance."""
+    """See before_exceedance. first: alarm of the exceedance."""
     stored = store.flights.assessments(flight_id, max(first.seq - n_before(lead, dt), 0), first.seq)
     about = zip(stored.t.tolist(), stored.state, stored.cause, strict=True)
     samples = [SampleCause(t, STATES[state], CAUSES[cause]) for t, state, cause in about]
-    withdrawn = any(sample.is_withdrawn for sample in samples[-1:])
-    jumped = is_jump(stored.t[-BEFORE - 1 :], dt)
-    return jumped, withdrawn, unassessed(first.t, samples, lead, dt)
+    return before_exceedance(first.t, samples, lead, dt)

@@ -26,16 +26,14 @@ from app.flights.planned_card import planned_card
 from app.flights.recorder import Recorder
 from app.flights.transport import NotPossible, TransportError
 from app.flights.verdict import (
-    BEFORE,
     UNASSESSED,
     Circumstances,
     SampleCause,
+    before_exceedance,
     first_exceedance,
-    is_jump,
     longest_manoeuvre,
     n_before,
     planned_length,
-    unassessed,
     verdict,
     verdict_of_recording,
 )
@@ -656,19 +654,17 @@ class Flight(ABC):
     def _judge(self, seq: int) -> None:
         first = first_exceedance(self.alarms.evidence)
         if first is not None and first.seq == seq:
-            monitor = self.plan.monitor
-            jumped = is_jump(np.array([t for t, *_ in self._newest][-BEFORE - 1 :]), monitor.dt)
-            why = unassessed(first.t, self._newest, monitor.lead, monitor.dt)
-            self._before_exceedance = jumped, self._newest[-1].is_withdrawn, why
+            about = [*self._newest], self.plan.monitor.lead, self.plan.monitor.dt
+            self._before_exceedance = before_exceedance(first.t, *about)
         self.judge(self._before_exceedance)
 
-    def judge(self, before_exceedance: tuple[bool, bool, str]) -> None:
-        """Decide the verdict. before_exceedance: see ended.before_exceedance."""
-        self._has_new_evidence, self._before_exceedance = False, before_exceedance
+    def judge(self, before: tuple[bool, bool, str]) -> None:
+        """Decide the verdict. before: see before_exceedance."""
+        self._has_new_evidence, self._before_exceedance = False, before
         alarms, live = self.alarms.evidence, self.plan.source.get("kind") == "live"
         reached = [alarm.t for alarm in alarms if alarm.kind == "limit"]
         if self.manoeuvres is None or not reached:
-            about = self.lead, *before_exceedance, live, self._longest
+            about = self.lead, *before, live, self._longest
             self.verdict = verdict(alarms, Circumstances(*about))
         else:
             about = alarms, reached, self.plan.monitor.dt, self.lead

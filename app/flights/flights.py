@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from app.assessment.rulings import LimitsInForce
 from app.flights.clock import Clock, MonotonicClock, Timer
-from app.flights.ended import before_exceedance, summarize
+from app.flights.ended import stored_before, summarize
 from app.flights.flight import Flight, FlightPlan, stale_after
 from app.flights.flight_limits import change_of_limits
 from app.flights.flight_recordings import FlightRecordings
@@ -308,7 +308,7 @@ class Flights:
                 before = False, False, ""
                 if (first := first_exceedance(alarms)) is not None:
                     about = flight_id, first, plan.monitor.lead, plan.monitor.dt
-                    before = await asyncio.to_thread(before_exceedance, self.store, *about)
+                    before = await asyncio.to_thread(stored_before, self.store, *about)
                 flight.judge(before)
                 await asyncio.to_thread(self.store.flights.resume, flight_id, flight.head)
                 flight.resume(unrecorded)

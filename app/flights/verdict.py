@@ -171,6 +171,18 @@ def n_before(lead: float, dt: float) -> int:
     return max(BEFORE, ceil(2.0 * lead / dt) + 1)
 
 
+def before_exceedance(
+    t: float, samples: Sequence[SampleCause], lead: float, dt: float
+) -> tuple[bool, bool, str]:
+    """`jumped`, `withdrawn` and `unassessed` of the Circumstances of an exceedance.
+
+    See `unassessed`; samples: n_before of them, and that of the exceedance.
+    """
+    jumped = is_jump(np.array([sample.t for sample in samples[-BEFORE - 1 :]]), dt)
+    withdrawn = any(sample.is_withdrawn for sample in samples[-1:])
+    return jumped, withdrawn, unassessed(t, samples, lead, dt)
+
+
 def unassessed(t: float, samples: Iterable[SampleCause], lead: float = 0.0, dt: float = 1.0) -> str:
     """The verdict on an exceedance that no sample could warn of in time; else empty.
 

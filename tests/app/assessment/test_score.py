@@ -404,7 +404,7 @@ def test_an_invalid_manoeuvre_is_withdrawn_where_a_stream_withdraws(
     assert withdrawal is not None
     assert manoeuvre.withdrawn_t == t[withdrawal.first]
     assert manoeuvre.withdrawn_reason == withdrawal.reason
-    assert manoeuvre.withdrawn_reason not in manoeuvre.validity.reasons
+    assert manoeuvre.validity.reasons == (withdrawal.reason,)
     assert passes[1:] == [withdrawal.first + 1]
 
 

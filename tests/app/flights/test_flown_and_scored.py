@@ -198,6 +198,22 @@ def test_samples_beyond_any_aircraft_are_data_missing_in_both(tmp_path: Path) ->
     assert words(both) == ("LIMIT EXCEEDED, data missing, no verdict",) * 2
 
 
+def test_where_a_trim_is_unknown_both_show_the_value_as_recorded(tmp_path: Path) -> None:
+    y = doublets(fail=True)[0] + 0.1 * (np.arange(6) == NY)
+    y[BEGINS - 8 : BEGINS + 3] = np.nan
+    both = flown_and_scored(tmp_path, in_order(y))
+    (manoeuvre,) = both.scored.manoeuvres
+    assert manoeuvre.trim[NY] is None
+    store = open_store(tmp_path / "store.db")
+    stored = store.flights.assessments(store.flights.all()[0].id)
+    store.close()
+    begun, samples = stored.manoeuvre > 0, both.scored.samples
+    shown = dict(zip(stored.t[begun].tolist(), stored.y[begun, NY].tolist(), strict=True))
+    scored = dict(zip(samples["t"].tolist(), samples["y"][:, NY].tolist(), strict=True))
+    assert shown
+    assert shown == {t: scored[t] for t in shown}
+
+
 def test_data_missing_at_rest_are_told_by_the_scoring_too(tmp_path: Path) -> None:
     y = doublets(fail=False)[0]
     both = flown_and_scored(tmp_path, in_order(with_channel(y, "Ny", np.nan, 20, 26)))
