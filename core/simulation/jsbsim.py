@@ -32,11 +32,13 @@ if TYPE_CHECKING:  # slow to import in each process of a model
 LARGEST_STEP = 0.005
 """Step of integration [s]; with longer ones the peaks depend on it."""
 FULL_TRIM, TURN_TRIM, WITHOUT_INITIAL_RUN = 1, 5, 2
+ON_GROUND = "pushback", "hook", "catapult", "holdback"
+"""Systems that take time and do nothing in flight."""
 FACTOR = "factor/"
 """Before the name of a function: the property that multiplies it."""
 JET, LIGHT = (5000.0, 0.6), (1500.0, 0.165)
 USUALLY: dict[tuple[float, float], str] = {
-    JET: "737 787-8 A320 A4 B747 Concorde F4N MD11 T38 XB-70 f15 f16 global5000",
+    JET: "737 787-8 A320 A4 B747 Concorde F4N MD11 T38 XB-70 f15 f16 fokker100 global5000",
     LIGHT: "Boeing314 DHC6 T37 c172p c172r c172x c182 pa28 t6texan2",
     (1500.0, 0.1): "Camel J3Cub",
     (3000.0, 0.3): "OV10 c310",
@@ -344,8 +346,8 @@ def _edited(aircraft: str) -> Path:
     places = Path(tempfile.mkdtemp(dir=Path.cwd()))
     place = Path(shutil.copytree(_root() / "aircraft" / aircraft, places / aircraft))
     config = _read(aircraft)
-    for tag in ("input", "output"):  # sockets and files
-        for each in config.findall(tag):
+    for tag in ("input", "output", *(f"system[@file='{name}']" for name in ON_GROUND)):
+        for each in config.findall(tag):  # inputs and outputs are sockets and files
             config.remove(each)
     (aerodynamics,) = config.findall("aerodynamics")
     for function in _functions(config):

@@ -21,7 +21,7 @@ RNG = np.random.default_rng
 ELEVATOR = "fcs/elevator-cmd-norm"
 DT, N_SAMPLES = 0.05, 41
 KEYS = ("alpha", "q", "Nz", "delta_e")
-FUNCTIONS = {"f16": 40, "T38": 25, "c172p": 31, "737": 25}
+FUNCTIONS = {"f16": 40, "T38": 25, "c172p": 31, "737": 25, "fokker100": 28}
 """Aerodynamic functions of aircraft."""
 
 
@@ -65,7 +65,10 @@ def test_a_copy_for_another_process_flies_the_same():
 
 @pytest.mark.parametrize(
     ("aircraft", "altitude", "speed"),
-    [("f16", 3000, 180), ("T38", 3000, 200), ("c172p", 1500, 55), ("737", 3000, 180)],
+    [
+        *(("f16", 3000, 180), ("T38", 3000, 200), ("c172p", 1500, 55), ("737", 3000, 180)),
+        ("fokker100", 5000, 190),  # its system for push-back reads a property of FlightGear
+    ],
 )
 def test_aircraft_of_any_factors_fly_trimmed_and_respond(
     aircraft: str, altitude: float, speed: float
