@@ -19,6 +19,7 @@ from core.simulation.control_law import (
     Controller,
     NoFeedback,
     RateDamper,
+    StateSpaceLaw,
     closed_loops,
 )
 from core.simulation.rollout import roll_out
@@ -29,7 +30,24 @@ DT = 0.05
 toolbox: Any = control  # its types do not know all that it takes
 DAMPER = RateDamper()
 NONE = NoFeedback().controller(F16[3])
-LAWS_AND_STATES = [(n, s) for n, s in product(CONTROL_LAWS, (3, 4)) if (n, s) != ("f16_sl_ofb", 3)]
+
+
+def rows(matrix):
+    return tuple(map(tuple, matrix.tolist()))
+
+
+POLES = 1.0 + np.arange(6.0)
+LAWS = CONTROL_LAWS | {
+    "six_states": StateSpaceLaw(  # with the aircraft more states than are unrolled
+        inputs=("r", "p"),
+        outputs=("delta_a", "delta_r"),
+        a=rows(np.diag(-POLES) + np.diag(np.ones(5), 1)),
+        b=rows(np.outer(POLES, (0.1, 0.02))),
+        c=rows(np.outer((0.02, 0.1), 1.0 / POLES)),
+        d=((0.0, 0.1), (-0.2, 0.0)),
+    )
+}
+LAWS_AND_STATES = [(n, s) for n, s in product(LAWS, (3, 4)) if (n, s) != ("f16_sl_ofb", 3)]
 
 
 def draw(n, seed=0, n_states=3):
@@ -106,7 +124,7 @@ def python_control(plant, controller, actuator, pilot, dt, lag):
 @pytest.mark.parametrize("lag", [0.0, 0.1])
 @pytest.mark.parametrize(("name", "n_states"), LAWS_AND_STATES)
 def test_rollouts_equal_python_control_and_the_matrix_exponential(name, n_states, lag):
-    law = CONTROL_LAWS[name]
+    law = LAWS[name]
     controller = law.controller(F16[n_states])
     plants = draw(19, n_states=n_states)
     pilot = doublet()
@@ -121,8 +139,9 @@ def test_rollouts_equal_python_control_and_the_matrix_exponential(name, n_states
 
 @pytest.mark.parametrize("substeps", [1, 3])
 @pytest.mark.parametrize("n_states", [3, 4])
-def test_an_aircraft_in_gusts_equals_the_matrix_exponential(n_states, substeps):
-    law, plants = CONTROL_LAWS["f16_damper"], draw(19, n_states=n_states)
+@pytest.mark.parametrize("name", ["f16_damper", "six_states"])
+def test_an_aircraft_in_gusts_equals_the_matrix_exponential(name, n_states, substeps):
+    law, plants = LAWS[name], draw(19, n_states=n_states)
     controller, pilot = law.controller(F16[n_states]), doublet(41)
     steps = np.random.default_rng(1).standard_normal((19, 40 * substeps + 1))
     gust = 0.01 + 0.002 * steps.cumsum(axis=1)
@@ -364,7 +383,7 @@ def test_limited_surfaces_equal_an_adaptive_integrator(actuator, lag):
 @pytest.mark.parametrize("lag", [0.0, 0.1])
 @pytest.mark.parametrize(("name", "n_states"), LAWS_AND_STATES)
 def test_limits_that_are_never_reached_change_nothing(name, n_states, lag, substeps):
-    law = CONTROL_LAWS[name]
+    law = LAWS[name]
     controller, plants = law.controller(F16[n_states]), draw(9, n_states=n_states)
     wide = Actuator(law.actuator.bandwidth_rad_s, 1e5, 1e4)
     options = {"pedal_lag_s": lag, "substeps": substeps}
