@@ -36,7 +36,8 @@ def test_slow_libraries_are_loaded_only_when_they_are_used():
 
 
 def test_the_process_of_a_model_loads_no_compiler():
-    program = "import sys, core.simulation.fmu, core.simulation.jsbsim; print('numba' in sys.modules)"
+    models = "core.simulation.fmu, core.simulation.jsbsim"
+    program = f"import sys, {models}; print('numba' in sys.modules)"
     assert run_apart(program).stdout.split() == ["False"]
 
 
