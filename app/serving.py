@@ -34,8 +34,6 @@ PATIENCE = 3
 GRACE = 1
 """[s] Requests still running after that time are cancelled this much later."""
 BACKLOG = 128
-COLLECTED = 20_000, 50, 10
-"""Thresholds of the garbage collector: rare collections, so that no sample waits."""
 THREAD_TURN_S = 0.001
 """Longest time that a computing thread delays the event loop [s]. The interpreter's default is five
 times as long, and a sample would wait for it at each wake-up of the loop."""
@@ -182,7 +180,6 @@ def serve(
         server = Server(create_app(settings, follower), lambda app: opened(app, url))
         gc.collect()
         gc.freeze()  # no sample waits for a collection of what is loaded
-        gc.set_threshold(*COLLECTED)
         sys.setswitchinterval(THREAD_TURN_S)
         with asyncio.Runner(loop_factory=_loop_factory()) as runner:
             runner.run(server.serve(sockets=[listening]))
