@@ -39,6 +39,14 @@ def test_a_row_a_monitor_by_its_lead_and_which_raises_the_alarms(fly: Fly, site:
     risks = [frame["p_value"], frame["display"][0]["p_value"]]
     for row, risk in zip(rows.all(), risks, strict=True):
         expect(row.locator(".ahead-value")).to_contain_text(f"{risk:.{2 + (risk < 0.1)}f}")
+    fly.steer("next_alert", None)
+    alerting = page.locator(".ahead-row[data-alert]").first
+    colour = "(row) => getComputedStyle(row.querySelector('.ahead-value')).color"
+    expect(alerting.locator(".ahead-role")).to_have_text("raises the alarms")
+    alarm = page.locator('[data-item="state"]').evaluate(
+        "(state) => getComputedStyle(state).backgroundColor"
+    )
+    assert alerting.evaluate(colour) == alarm
     page.get_by_role("button", name="Compare the monitors").click()
     compared = page.locator(".comparison")
     expect(compared.locator("thead th").last).to_contain_text(f"{LONG}, ε 0.1")

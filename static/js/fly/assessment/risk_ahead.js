@@ -73,7 +73,7 @@ function show({ monitor, line, value, bar }, { state, reason, cause, p_value: ri
   const over = assessed && alert === true;
   const withdrawn = state === "invalid" ? withdrawnWord(cause) : null;
   const words = state === "ok" ? "NOT ASSESSED" : (withdrawn ?? STATE_WORDS[state] ?? state);
-  put(value, assessed ? `${over ? "▲ above " : ""}${riskText(risk, monitor.alert_above)}` : words);
+  put(value, assessed ? `${over ? "▲ alert " : ""}${riskText(risk, monitor.alert_above)}` : words);
   const title = assessed ? "" : reason;
   if (value.title !== title) value.title = title;
   if (line.dataset.state !== state) line.dataset.state = state;
