@@ -95,18 +95,18 @@ function channelTable(channels, { names, needed, conditions }, { recording }) {
   const signals = recording === undefined ? ownRows(channels, needed) : others.map((name) => [name, "", "unit of the mapping", ""]);
   const rows = [
     ...signals.filter(([name]) => !conditions.some((condition) => condition.name === name)),
-    ...conditions.map(({ name, label, unit }) => [name, label, unit, "✓ needed, flight condition"]),
+    ...conditions.map(({ name, label, unit }) => [name, label, unit, "✓ flight condition"]),
   ];
   return h(
     "table",
     { class: "table source-channels" },
     h("thead", {}, h("tr", {}, ...["name", "channel", "unit", "needed"].map((word) => h("th", {}, word)))),
-    h("tbody", {}, ...[[time, "time of the sample", "s", "✓ needed"], ...rows].map((row) => h("tr", {}, ...row.map((cell) => h("td", {}, cell))))),
+    h("tbody", {}, ...[[time, "time of the sample", "s", "✓"], ...rows].map((row) => h("tr", {}, ...row.map((cell) => h("td", {}, cell))))),
   );
 }
 
 function ownRows(channels, needed) {
-  const wordOf = ({ key, formula }) => (formula ? "computed, not sent" : needed.includes(key) ? "✓ needed" : "optional");
+  const wordOf = ({ key, formula }) => (formula ? "computed, not sent" : needed.includes(key) ? "✓" : "optional");
   const rows = channels.map((channel) => [channel.key, formatted(channelName(channel)), channel.unit, wordOf(channel)]);
   const others = ATTITUDE.filter((angle) => !channels.some(({ key }) => key === angle));
   return others.length === 0 ? rows : [...rows, [others.join(", "), "attitude, for the scene", "rad", "optional"]];
