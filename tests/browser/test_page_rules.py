@@ -66,6 +66,17 @@ BLANK = """() => {
     return Math.max(page.scrollHeight - end, document.documentElement.scrollHeight - innerHeight);
 }"""
 """Pixels that page or document scroll beyond the last part of the page."""
+CUT = """() => {
+    const pen = document.createElement("canvas").getContext("2d");
+    const shown = [...document.querySelectorAll("select")].filter((one) => one.checkVisibility());
+    return shown.filter((one) => {
+        const { font, paddingLeft: left, paddingRight: right } = getComputedStyle(one);
+        pen.font = font;
+        const room = one.clientWidth - parseFloat(left) - parseFloat(right);
+        return pen.measureText(one.selectedOptions[0].text).width > room;
+    }).map((one) => one.selectedOptions[0].text);
+}"""
+"""Chosen words that their control cuts."""
 GUIDE = Path(__file__).parents[2] / "static" / "guide"
 
 
@@ -113,6 +124,7 @@ def test_every_page_keeps_the_rules(
     for width in (1024, 1440):
         page.set_viewport_size({"width": width, "height": 800})
         assert page.evaluate(BLANK) <= 0, width
+        assert page.evaluate(CUT) == [], width
 
 
 def test_an_address_of_the_guide_in_the_page_opens_the_guide(page: Page, site: RecordedSite):

@@ -20,6 +20,7 @@ import { button, errorLine, h } from "../lib/dom.js";
 import { createJobProgress } from "../lib/job_progress.js";
 import { capital, trueMinus } from "../lib/numbers.js";
 
+const SHORT = 18; // letters of a choice that a column holds
 let controls = 0;
 
 /** @param {any[]} entries @param {Record<string, any>} [attributes] */
@@ -54,9 +55,10 @@ export function fieldOf(control, { label, words, hint = "", title = null, path =
   const failure = h("p.error", { id: `${id}-error`, hidden: true });
   control.setAttribute("aria-describedby", `${id}-hint ${id}-error`);
   control.addEventListener("input", () => say("")); // not on leaving it: what is about to be clicked would move
+  const isLong = [...(control.options ?? [])].some(({ text }) => text.length > SHORT);
   const element = h(
     "div.field",
-    { "data-path": path },
+    { "data-path": path, "data-long": isLong },
     h("label", { for: id }, label),
     control,
     h("p.hint", { id: `${id}-hint`, title }, hint),

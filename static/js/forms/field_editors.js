@@ -84,7 +84,7 @@ function number(key, schema, value, place, field) {
   };
   const show = () => {
     factor = channel ? shownIn(channel).factor : 1;
-    shown = String(value == null ? "" : channel ? rounded(value * factor) : value);
+    shown = String(value == null ? "" : isInteger ? value : rounded(value * factor));
     control.value = shown;
   };
   show();

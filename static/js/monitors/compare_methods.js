@@ -31,7 +31,10 @@ export function showComparison(element, context) {
 function form({ catalog, api, datasets, chosen }) {
   const { schema, default: usual } = catalog.recipes.study;
   const source = datasetChoice({ api, catalog, datasets, chosen: chosen ?? datasets[0]?.id, asFlown: false });
-  const sizes = createFields(schema, usual, { catalog, path: "study", hidden: ["dataset"] });
+  const { monitor, ...others } = schema.properties;
+  const { predictor, score, ...settings } = monitor.properties; // those are what is compared
+  const kept = { ...schema, properties: { ...others, monitor: { ...monitor, properties: settings } } };
+  const sizes = createFields(kept, usual, { catalog, path: "study", hidden: ["dataset"] });
   return {
     path: "/studies",
     word: "Compare",

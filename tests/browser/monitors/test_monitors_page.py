@@ -598,6 +598,10 @@ def test_methods_and_rules_of_others_are_compared_on_a_dataset(page: Page, site:
     page.goto(f"{site.http}/#/monitors/compare?dataset={site.dataset}")
     field(page, "study.n_monitors").fill("1")
     field(page, "study.n_test").fill("60")
+    page.get_by_text("Settings of the monitors").click()
+    expect(field(page, "study.monitor.epsilon")).to_be_visible()
+    for compared in ("predictor", "score"):
+        expect(field(page, f"study.monitor.{compared}.kind")).to_have_count(0)
     page.get_by_role("button", name="Compare", exact=True).click()
     expect(page.locator("figure svg.plot")).to_have_count(2, timeout=SLOW)
     job = page.url.rpartition("job=")[2]
