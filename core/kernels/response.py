@@ -64,9 +64,8 @@ class Gusts(NamedTuple):
 
 def linear_work(nx: int, m: int, n_samples: int, n_out: int, in_loop: Pilots) -> int:
     """Workspace of `roll_out_linear` [numbers]."""
-    n = nx + 2 + m
-    own = 2 * n_samples + n_out + memory_of(in_loop)
-    return _places(nx, m).loop + scratch(n) + own * WIDTH
+    at, own = _places(nx, m), 2 * n_samples + n_out + memory_of(in_loop)
+    return at.loop + scratch(at.n) + own * WIDTH
 
 
 @jit
@@ -172,9 +171,9 @@ def write_rest(w, which, samples, target, written):
 
 @jit
 def _pack(w, at, n_inputs):
-    """Write the gains of the inputs and the transition of the state, by columns."""
+    """Write (G Phi), the gains of the inputs and the transition of the state, by columns."""
     n = at.n
-    for k in range(n_inputs):  # kinds of two each
+    for k in range(n_inputs):  # two of each kind
         for i in range(n):
             gain = load(w, at.inputs + (k // 2 * n + i) * 2 * WIDTH + k % 2 * WIDTH)
             store(w, at.step + (k * n + i) * WIDTH, gain)
@@ -186,7 +185,7 @@ def _pack(w, at, n_inputs):
 
 @jit
 def _advance(w, at, n_inputs, z, out):
-    """Advance a state by one output step, from z to out."""
+    """Advance a state by one output step: out = G (u, e, rate) + Phi z."""
     if at.n <= UNROLLED:
         advance(w, at.step, at.u, n_inputs, z, out, at.n)
         return
@@ -249,7 +248,7 @@ def _begin(w, at, plants, law, bandwidth, hold, gust_state, n_inputs, which):
     nx = plants[0].shape[1]
     if not close_loop(plants, law, bandwidth, which, w, at.loop, at.rows):
         return False
-    clear(w, at.inputs, 2 * KINDS * at.n)
+    clear(w, at.inputs, 2 * KINDS * at.n)  # kinds that are not given change nothing
     if not discretise(
         w, at.loop, at.n, nx, bandwidth, hold.step, hold.series, hold.decays, gust_state,
         at.phi, at.inputs,
@@ -270,8 +269,10 @@ def roll_out_linear(
     hold, gusts, in_loop: Hold, Gusts and Pilots; with pilots in the loop, commands are not shared.
     out: the first samples may be missing, a multiple of SAMPLES.
     work: `linear_work` numbers, aligned; iwork: LANES_IWORK integers.
-    With a pedal lag the surfaces follow u + e: the held command, and the rest of earlier jumps,
-    which fades as exp(-t / lag). Both are exact, without additional states.
+    Over a step h, z <- Phi z + G (u, e, rate) with Phi = exp(F h), see `discretise`. With a pedal
+    lag the surfaces follow u + e: the held command u, and the rest e of earlier jumps, which fades
+    as exp(-t / lag). The sideslip of gusts changes at a constant rate. All are exact, without
+    additional states.
     """
     n_rollouts, nx = plants[0].shape[:2]
     n_samples = pilot.shape[1]
