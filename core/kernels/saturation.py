@@ -127,17 +127,12 @@ def _derivative(w, at, z, out, fade, nx, surfaces):
 
 
 @jit
-def _combine(w, z, factor, slope, out, n):
-    """out = z + factor slope."""
-    for i in range(n):
-        at = i * WIDTH
-        store(w, out + at, fma(splat(factor), load(w, slope + at), load(w, z + at)))
-
-
-@jit
-def _copy(w, source, target, length):
-    for i in range(0, length, WIDTH):
-        store(w, target + i, load(w, source + i))
+def _add_slope(w, at, total, following, weight, ahead):
+    """stage = state + ahead slope, then following = total + weight slope."""
+    for i in range(0, at.line, WIDTH):
+        slope = load(w, at.slope + i)
+        store(w, at.stage + i, fma(splat(ahead), slope, load(w, at.state + i)))
+        store(w, following + i, fma(splat(weight), slope, load(w, total + i)))
 
 
 @inlined
@@ -149,9 +144,8 @@ def _runge_kutta(w, at, nx, surfaces, steps):
         fade = splat(1.0) if i == 0 else (full if i == 3 else half)
         _derivative(w, at, at.state if i == 0 else at.stage, at.slope, fade, nx, surfaces)
         total = at.state if i == 0 else at.following
-        _combine(w, total, weight * h / 6.0, at.slope, at.following, at.n)
-        _combine(w, at.state, ahead * h, at.slope, at.stage, at.n)
-    _copy(w, at.following, at.state, at.line)
+        following = at.state if i == 3 else at.following
+        _add_slope(w, at, total, following, weight * h / 6.0, ahead * h)
     for s in (0, WIDTH):
         store(w, at.e + s, multiply(full, load(w, at.e + s)))
 
@@ -189,7 +183,8 @@ def _follow_commands(
                 begun += 1
             for _ in range(steps.parts):
                 _runge_kutta(w, at, nx, surfaces, steps)
-            _copy(w, at.state, at.z + filled * at.line, at.line)
+            for i in range(0, at.line, WIDTH):
+                store(w, at.z + filled * at.line + i, load(w, at.state + i))
             filled += 1
             if filled == SAMPLES:
                 write_samples(w, at.rows, at.z, at.line, at.y, nx, which, filled, target, written)
