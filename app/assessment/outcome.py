@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import floor
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -16,7 +16,7 @@ from app.telemetry.recording import GAP_RATIO, Traces
 from core.channels import Dictionary
 from core.limits.exceedance import NOT_PLAUSIBLE, SAME_TIME, TRIM_UNKNOWN, onsets
 from core.limits.limits import Envelope, exceeded_end, shares_of
-from core.types import Array, Flags
+from core.types import Array, Flags, Indices
 
 Outcome = Literal[
     "timely_alert",
@@ -173,14 +173,9 @@ def against_limits(
     traces: repaired.   trim: (n_channels,).   start, end: [s], both included.
     timeline: limits in force over time, instead of `limits`; each gets its own peak.
     """
-    exceedances: list[RecordedExceedance] = []
-    raw: list[RecordedExceedance] = []
-    worst: list[RecordedExceedance] = []
-    worst_recorded: list[RecordedExceedance] = []
-    failed: list[RecordedExceedance] = []
-    peaks: list[Peak] = []
-    holes: list[Hole] = []
-    implausible: list[tuple[float, str]] = []
+    exceedances, raw, failed = (list[RecordedExceedance | None]() for _ in range(3))
+    worst, worst_recorded = list[RecordedExceedance](), list[RecordedExceedance]()
+    peaks, holes, implausible = list[Peak](), list[Hole](), list[tuple[float, str]]()
     in_force = [limits] if timeline is None else timeline.during(start, end)
     limited = np.logical_or.reduce([each.limited for each in in_force])
     for c in np.flatnonzero(limited).tolist():
@@ -195,67 +190,84 @@ def against_limits(
         part = slice(*np.searchsorted(trace.t, (start - SAME_TIME, end + SAME_TIME)).tolist())
         known = np.isfinite(trace.values[part])
         t, values = trace.t[part][known], trace.values[part][known]
-        value, recorded = values - trim[c], values + trace.bias
         low, high = _ends_at(t, c, limits, timeline)
-        doubt = TRIM_UNKNOWN if np.isnan(trim[c]) else ""
+        is_named, doubt = timeline is not None, TRIM_UNKNOWN if np.isnan(trim[c]) else ""
         arrived = None if traces.arrived is None else traces.arrived[part][known]
-        for judged, results, why in ((value, exceedances, ""), (recorded, raw, doubt)):
-            if len(over := onsets(t, judged, low, high)):
-                about = key, t, judged, low, high, timeline, why, arrived
-                results.append(_exceedance(over[0], *about))
-        beyond = [(t, recorded, low, high, doubt)]
+        from_trim = _Judged(key, t, values - trim[c], low, high, is_named, "", arrived)
+        recorded = from_trim._replace(value=values + trace.bias, doubt=doubt)
+        exceedances.append(from_trim.first)
+        raw.append(recorded.first)
+        beyond = [recorded.worst(rest)]
         if trace.sent is not None and (odd := ~known & np.isfinite(trace.sent[part])).any():
             at, sent = trace.t[part][odd], trace.sent[part][odd]
             implausible.append((float(at[0]), key))
-            ends_then = _ends_at(at, c, limits, timeline)
-            if len(over := onsets(at, sent, *ends_then)):
-                about = key, at, sent, *ends_then, timeline, NOT_PLAUSIBLE
-                failed.append(_exceedance(over[0], *about))
-                beyond.append((at, sent, *ends_then, NOT_PLAUSIBLE))
-        from_trim = _worst(key, [(t, value, low, high, "")], rest, timeline)
-        as_is = _worst(key, beyond, rest, timeline)
-        if named := from_trim or as_is:
+            then = _ends_at(at, c, limits, timeline)
+            is_odd = _Judged(key, at, sent, *then, is_named, NOT_PLAUSIBLE)
+            failed.append(is_odd.first)
+            beyond.append(is_odd.worst(rest))
+        furthest = from_trim.worst(rest)
+        as_is = max(filter(None, beyond), key=itemgetter(0), default=None)
+        if named := furthest or as_is:
             worst.append(named[1])
-        if from_trim and as_is and as_is[0] > from_trim[0]:
+        if furthest and as_is and as_is[0] > furthest[0]:
             worst_recorded.append(as_is[1])
         for each in ends:
             here = (low == each[0]) & (high == each[1])
             if len(t) and not here.any():
                 continue
+            value = from_trim.value
             largest = _furthest(value[here & np.isfinite(value)], *each, rest)
-            as_recorded = _furthest(recorded[here], *each, rest)
+            as_recorded = _furthest(recorded.value[here], *each, rest)
             as_recorded = rest if as_recorded is None else as_recorded
             peaks.append(Peak(key, largest, *each, as_recorded, trace.bias))
         holes += holes_in(key, t, start, end)
     first, first_raw, first_failed = (
-        min(results, key=lambda exceedance: exceedance.t, default=None)
+        min(filter(None, results), key=attrgetter("t"), default=None)
         for results in (exceedances, [*raw, *failed], failed)
     )
     odd_t, odd_key = min(implausible, default=(0.0, ""))
     doubted = (odd_key, odd_t) if odd_key else None
     about = tuple(peaks), lost_in(holes), tuple(holes)
-    furthest = tuple(worst), tuple(worst_recorded)
-    return Limited(first, *about, first_raw, first_failed, doubted, *furthest)
+    of_channels = tuple(worst), tuple(worst_recorded)
+    return Limited(first, *about, first_raw, first_failed, doubted, *of_channels)
 
 
-def _worst(
-    key: str,
-    parts: Sequence[tuple[Array, Array, Array, Array, str]],
-    rest: float,
-    timeline: InForceTimeline | None,
-) -> tuple[float, RecordedExceedance] | None:
-    """The share of the sample furthest beyond its limit, and this sample; None if none is beyond.
+class _Judged(NamedTuple):
+    """Samples of a channel against its limits, (n,) each.
 
-    parts: times, values, limits and doubt.
+    is_named: whether an exceedance names its limit.   doubt, arrived: see RecordedExceedance.
     """
-    found = list[tuple[float, RecordedExceedance]]()
-    for t, value, low, high, doubt in parts:
-        if len(over := onsets(t, value, low, high)):
-            shares = shares_of(value[over], low[over], high[over], rest)
-            at = over[shares.argmax()]
-            exceeded = _exceedance(at, key, t, value, low, high, timeline, doubt)
-            found.append((float(shares.max()), exceeded))
-    return max(found, key=itemgetter(0), default=None)
+
+    key: str
+    t: Array
+    value: Array
+    low: Array
+    high: Array
+    is_named: bool
+    doubt: str = ""
+    arrived: Array | None = None
+
+    def exceedance(self, i: int) -> RecordedExceedance:
+        """That of sample i."""
+        t, value, low, high = (float(each[i]) for each in self[1:5])
+        limit = exceeded_end(low, high, value) if self.is_named else None
+        arrived = None if self.arrived is None else self.arrived.item(i)
+        return RecordedExceedance(t, self.key, value, limit, self.doubt, arrived)
+
+    @property
+    def over(self) -> Indices:
+        return onsets(self.t, self.value, self.low, self.high)
+
+    @property
+    def first(self) -> RecordedExceedance | None:
+        return self.exceedance(self.over[0]) if len(self.over) else None
+
+    def worst(self, rest: float) -> tuple[float, RecordedExceedance] | None:
+        """Share of the way to the limit of the sample furthest beyond, and that sample."""
+        if not len(over := self.over):
+            return None
+        shares = shares_of(self.value[over], self.low[over], self.high[over], rest)
+        return float(shares.max()), self.exceedance(over[shares.argmax()])
 
 
 def _ends_at(
@@ -266,24 +278,6 @@ def _ends_at(
         at = timeline.at(t)
         return at.low[:, c], at.high[:, c]
     return np.full(len(t), limits.low[c]), np.full(len(t), limits.high[c])
-
-
-def _exceedance(
-    i: int,
-    key: str,
-    t: Array,
-    value: Array,
-    low: Array,
-    high: Array,
-    timeline: InForceTimeline | None,
-    doubt: str = "",
-    arrived: Array | None = None,
-) -> RecordedExceedance:
-    """The exceedance at sample i."""
-    exceeded = exceeded_end(float(low[i]), float(high[i]), float(value[i]))
-    limit = None if timeline is None else exceeded
-    at = None if arrived is None else arrived.item(i)
-    return RecordedExceedance(float(t[i]), key, float(value[i]), limit, doubt, at)
 
 
 def _furthest(values: Array, low: float, high: float, rest: float) -> float | None:
@@ -482,8 +476,8 @@ def exceedances_outside(
         for i, stop in pairwise([*begins.tolist(), len(t)]):
             if inside[i]:
                 continue
-            doubt = NOT_PLAUSIBLE if odd[i] else ""
-            begun = _exceedance(i, key, t, value, low, high, timeline, doubt)
+            about = timeline is not None, NOT_PLAUSIBLE if odd[i] else ""
+            begun = _Judged(key, t, value, low, high, *about).exceedance(i)
             at = i + int(shares[i:stop].argmax())
             worst_t, worst = float(t[at]), float(value[at])
             exceedances.append(OutsideExceedance(**vars(begun), worst_t=worst_t, worst=worst))
