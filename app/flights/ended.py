@@ -1,7 +1,7 @@
 """Headline and verdict of ended flights, from their records."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -30,6 +30,7 @@ from app.flights.verdict import (
 )
 from app.messages import Verdict
 from app.store.assessments import UNKNOWN, StoredAssessments
+from app.store.database import Damaged
 from app.store.flights import FlightInfo, NewestState
 from app.store.monitors import MonitorInfo
 from app.store.store import NotFound, Store
@@ -225,36 +226,56 @@ def _doubt(
         is_limited = not (alarm.channels and limited.isdisjoint(alarm.channels))
         if alarm.kind == "frozen" and is_limited:  # which ones, old alarms do not record
             return no_verdict("unseen", alarm.reason or "")
-    holes = [
-        hole
-        for key, is_known in zip(dictionary.keys, known.T, strict=True)
-        if key in limited
-        for hole in holes_in(key, t[is_known], t[0], t[-1])
-    ]
-    why = why_exceedance_unknown(holes, t[-1] - t[0], dt)
-    return no_verdict("unseen", why) if why else _of_manoeuvres(store, info, used[0], alarms)
+
+    def missing(start: float, end: float) -> str:
+        inside = (t >= start) & (t <= end)
+        holes = [
+            hole
+            for key, is_known in zip(dictionary.keys, known.T, strict=True)
+            if key in limited
+            for hole in holes_in(key, t[is_known & inside], start, end)
+        ]
+        return why_exceedance_unknown(holes, end - start, dt)
+
+    with suppress(Damaged):  # then samples are missing
+        if verdict := _of_manoeuvres(store, info, used[0], alarms, missing):
+            return verdict
+    why = missing(float(t[0]), float(t[-1]))
+    return no_verdict("unseen", why) if why else None
 
 
 def _of_manoeuvres(
-    store: Store, info: FlightInfo, monitor: MonitorInfo, alarms: Sequence[Alarm]
+    store: Store,
+    info: FlightInfo,
+    monitor: MonitorInfo,
+    alarms: Sequence[Alarm],
+    missing: Callable[[float, float], str],
 ) -> Verdict | None:
-    """The verdict on a live flight whose samples were not all assessed, or end too early."""
+    """The verdict on a live flight whose samples were not all assessed, or end too early.
+
+    missing: why an exceedance between two times [s] would not have been seen; empty if it would.
+    """
     stored = store.flights.assessments(info.id)
     number = stored.manoeuvre if (stored.manoeuvre != UNKNOWN).all() else _by_causes(stored)
     withdrawn = (stored.state == INVALID) & ~np.isin(stored.cause, LOST)
     state = np.where(withdrawn | (stored.state == STALE), OK, stored.state)
     edges = [0, *(1 + np.flatnonzero(np.diff(number))).tolist(), len(number)]
+    if not number.any():
+        return None
+    planned, before = known_test(store.monitors.get(info.monitor_id)), 0
+    n_trim = round(planned.trim_segment_s / planned.dt)
     for first, stop in pairwise(edges):
         if not number[first]:
             continue
-        why = why_alert_unknown(stored.t[first:stop], state[first:stop], monitor.dt)
-        if why and not stored.alert[first:stop].any():
+        begin, before = max(before, first - n_trim), stop
+        why = missing(float(stored.t[begin]), float(stored.t[stop - 1]))
+        if not (why or stored.alert[first:stop].any()):
+            why = why_alert_unknown(stored.t[first:stop], state[first:stop], monitor.dt)
+        if why:
             return no_verdict("unseen", why)
         if stop < len(number):
             continue
-        planned = known_test(store.monitors.get(info.monitor_id))
-        n_trim = 0 if (number == 0).any() else round(planned.trim_segment_s / planned.dt)
-        if why := too_short(stop - 1 - first - n_trim, planned):
+        if why := too_short(stop - 1 - first - (0 if (number == 0).any() else n_trim), planned):
             alerts = tuple((a.t, a.t) for a in alarms if a.kind == "risk" and a.seq >= first)
             calls = [m.t for m in store.flight_markers.of(info.id) if m.level is not Level.NONE]
             return no_verdict(outcome(alerts, None, 0.0, is_cut=True, calls=calls)[0], why)

@@ -147,6 +147,9 @@ def test_an_abort_after_the_alert_is_told_by_the_record_too(tmp_path: Path) -> N
     calls = [(len(y) - 1) * DT]
     both = flown_and_scored(tmp_path, in_order(y), calls=calls)
     assert words(both) == ("ABORTED AFTER THE ALERT",) * 2
+    arrivals = in_order(y)
+    both = flown_and_scored(tmp_path / "gap", [*arrivals[:20], *arrivals[26:]], calls=calls)
+    assert words(both) == ("ABORTED AFTER THE ALERT",) * 2  # although data at rest are missing
 
 
 def late(y: Array, latency: Array) -> list[Arrival]:
