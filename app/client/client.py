@@ -143,7 +143,7 @@ class LiveClient:
         return self._ask("GET", f"/flights/{self.flight}/alarms")
 
     def stream(self) -> FlightStream:
-        """What the server shows of the flight."""
+        """Messages of the server about the flight."""
         return FlightStream(self.url, self._headers, self.flight)
 
     def status(self) -> dict[str, Any]:

@@ -2,8 +2,8 @@
 
 A message is acknowledged to the broker once the server has its samples on the disk, so the broker
 repeats after a break what the server may lack; the server uses a repeated sample once. The retained
-state of a flight expires, and the broker replaces it when the bridge is gone: nobody reads an old
-one as calm.
+state of a flight expires, and the broker replaces it when the bridge is gone, so that an
+old state never looks safe.
 """
 
 import asyncio
@@ -155,7 +155,7 @@ class _State(msgspec.Struct):
 class MqttBridge:
     """Connects the flight of `client` with topics below `topic`, until the flight is over.
 
-    say: called with what a person should read, in any thread.
+    say: called with messages for a person, in any thread.
     """
 
     def __init__(
@@ -170,7 +170,7 @@ class MqttBridge:
         self.broker, self.topic, self._say = broker, topic, say
         self._lock = threading.Lock()
         self._unacknowledged = Unacknowledged(lambda mid: self._mqtt.ack(mid, 1))
-        self._n_unreadable, self._told = 0, ""
+        self._n_unreadable, self._last_message = 0, ""
         self._id, self._since, self._is_leaving = uuid4().hex, _now(), False
         self._is_live, self._about = False, dict[str, Any]()
         self._state: dict[str, Any] = {}
@@ -280,7 +280,7 @@ class MqttBridge:
             self._fail(f"{self.broker} refuses to publish below {self.topic} ({reason})")
 
     def _on_state(self, text: bytes) -> None:
-        """Yield to a bridge that was started later: not every broker tells which one it dropped."""
+        """Yield to a later bridge: not every broker reports which one it dropped."""
         try:
             other = msgspec.json.decode(text, type=_State)
         except msgspec.DecodeError:
@@ -353,15 +353,15 @@ class MqttBridge:
             self._tell(f"a message was refused: {refusal}")
 
     def _tell(self, text: str) -> None:
-        """Say what was not said last."""
-        if text != self._told:
-            self._told = text
+        """Pass on a message, unless it repeats the last one."""
+        if text != self._last_message:
+            self._last_message = text
             self._say(text)
 
     # --- the flight ---------------------------------------------------------------------------
 
     async def _watch(self) -> str:
-        """Publish what the server shows, whenever both are connected. Returns why it is over."""
+        """Publish the state of the flight whenever both are connected. Returns why it is over."""
         stream, wait = self.client.stream(), FIRST_WAIT_S
         while True:
             await self._online.wait()

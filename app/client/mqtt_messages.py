@@ -32,7 +32,7 @@ def read_batch(text: bytes) -> dict[str, Any]:
 class _Received:
     """A message of the broker whose samples are not settled yet.
 
-    mid: its number on the present connection; None if it came on an earlier one or without a
+    mid: its number on the present connection; None if it arrived on an earlier one or without a
     guarantee.
     """
 

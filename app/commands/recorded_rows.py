@@ -130,12 +130,12 @@ def raw_rows(
                 f"{file} has no signal {', '.join(lacking)}, which the flight expects: leave out "
                 "--as-is, or start a flight with the mapping of this recording"
             )
-        for name in sent:
-            unit = signals[name].unit
-            if unit and name in units and not _is_unit(unit, units[name]):
+        for name in (each for each in sent if each in units):
+            unit, needed = signals[name].unit, units[name] or PLAIN
+            if unit and not (fits(unit, needed) and factor(unit, needed) == 1.0):
                 raise TelemetryError(
-                    f"{file} has {name} in {unit}, and the flight reads it in "
-                    f"{units[name] or PLAIN}: leave out --as-is"
+                    f"{file} has {name} in {unit}, and the flight reads it in {needed}: leave out "
+                    "--as-is"
                 )
         if len({signals[name].group for name in sent}) > 1:
             raise TelemetryError(
@@ -147,10 +147,6 @@ def raw_rows(
     timed = np.isfinite(t)
     notes = [f"Not sent, because the file has no such signal: {', '.join(lacking)}."]
     return RecordedRows(t[timed], sent, values[timed], notes if lacking else [])
-
-
-def _is_unit(unit: str, needed: str) -> bool:
-    return fits(unit, needed or PLAIN) and factor(unit, needed or PLAIN) == 1.0
 
 
 def _mapping(

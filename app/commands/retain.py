@@ -1,17 +1,11 @@
 """`forewarn retain`: delete flights and recordings by age and size. The server may run."""
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import asdict
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING
 
 from app.commands.options.option import add_json, add_place, option, place_of
 from app.commands.output.results import print_result
-
-if TYPE_CHECKING:  # slow to import, and not needed for help
-    from app.upkeep.retention import Retained
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -50,16 +44,13 @@ def run(options: argparse.Namespace) -> int:
     n_permanent = sum(item.keep for item in chosen.stays)
     left = sum(item.size for item in chosen.stays)
     lines = [
-        *(f"{verb} {_line(item)}" for item in chosen.goes),
+        *(
+            f"{verb} {item.kind} {item.id} {item.name}, {item.since[:10]}, {item.size / GB:.3f} GB"
+            for item in chosen.goes
+        ),
         f"{verb} {len(chosen.goes)} ({chosen.freed / GB:.3f} GB); {len(chosen.stays)} left "
         f"({left / GB:.3f} GB), {n_permanent} kept permanently",
     ]
     plain = {"dry_run": options.dry_run, **asdict(chosen), "freed": chosen.freed}
     print_result(options, "\n".join(lines), plain)
     return 0
-
-
-def _line(item: Retained) -> str:
-    from app.upkeep.retention import GB
-
-    return f"{item.kind} {item.id} {item.name}, {item.since[:10]}, {item.size / GB:.3f} GB"

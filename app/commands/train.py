@@ -236,7 +236,7 @@ def _finish(
     whole: Dataset,
     findings: Sequence[str] | None = None,
 ) -> int:
-    """Write the monitor, store it where the options say, and print what it is.
+    """Write the monitor, store it if an option asks for it, and print a summary.
 
     whole: the dataset that was given, of which flights may have been held out.
     findings: of own flights; None for simulated ones.

@@ -14,9 +14,6 @@ CLIENT_LEFT = WebSocketDisconnect, RuntimeError
 """Raised where the client has left."""
 
 
-def _nothing() -> None: ...
-
-
 class Connection:
     """A WebSocket of this program's own server that the caller of `run` has accepted.
 
@@ -53,7 +50,7 @@ class Connection:
         self._close_requested.set()
 
     async def run(
-        self, on_message: OnMessage, on_writable: Callable[[], object] = _nothing
+        self, on_message: OnMessage, on_writable: Callable[[], object] = lambda: None
     ) -> None:
         """Call on_message with each message, on_writable when `is_writable` turns true again.
 

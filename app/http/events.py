@@ -21,7 +21,7 @@ LISTS = ("flights_in_progress", "flights", "campaigns")
 
 
 class Changes:
-    """A revision number for each of LISTS, and whoever waits for the next ones.
+    """A revision number for each of LISTS, and those who wait for changes.
 
     The numbers begin with the time, so that those of a restarted server differ.
     """

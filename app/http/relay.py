@@ -69,8 +69,8 @@ class _Side(asyncio.Protocol):
 class Relay:
     """Accepts connections of a listening socket while the other server accepts them.
 
-    server: address of the other server; empty while it is unknown. Connections that come meanwhile
-    wait in the socket's backlog for whoever accepts next, at most HELD_S.
+    server: address of the other server; empty while it is unknown. Until then,
+    connections wait in the socket's backlog, at most HELD_S.
     """
 
     def __init__(self, listening: socket.socket, server: Callable[[], str]) -> None:

@@ -71,7 +71,7 @@ def check(client: "Client", scheduler: str) -> str:
 
 
 def versions() -> dict[str, str]:
-    """What determines the bits of a result."""
+    """Versions that determine the bits of a result."""
     own = {"forewarn": __version__, "Python": platform.python_version()}
     return own | {package: version(package) for package in SAME_BITS}
 

@@ -258,8 +258,8 @@ def choice_request(
     monitor = store.monitors.get(monitor_id)
     with _refusing():
         test_to_fly(monitor)
-    unsaid = {"most_missed": None, "most_false_alarms": None}
-    recipe: ChoiceRecipe = _recipe(ChoiceRecipe(0.1, 0.2), unsaid | plain, "epsilon")
+    absent = {"most_missed": None, "most_false_alarms": None}
+    recipe: ChoiceRecipe = _recipe(ChoiceRecipe(0.1, 0.2), absent | plain, "epsilon")
     _check_most(recipe, "epsilon", n_test=LARGEST_N_TEST)
     return monitor, recipe
 
@@ -267,10 +267,10 @@ def choice_request(
 def check_size(recipe: ManeuverTest, max_bytes: int) -> None:
     """RecipeError if the recipe's arrays may need more memory than the server allows."""
     samples = recipe.maneuver.duration_s / recipe.dt + 1
-    kept = (min(recipe.max_safe, recipe.max_rollouts) + recipe.n_unsafe) * samples
+    stored = (min(recipe.max_safe, recipe.max_rollouts) + recipe.n_unsafe) * samples
     run_up = recipe.imperfections.run_up(recipe.dt)
     chunk = LARGEST_CHUNK * (run_up + samples) * recipe.substeps
-    needed = max(kept, chunk) * _channels(recipe) * BYTES
+    needed = max(stored, chunk) * _channels(recipe) * BYTES
     if needed > max_bytes:
         raise RecipeError(
             f"{samples:.6g} samples a rollout, substeps={recipe.substeps}, "

@@ -96,7 +96,7 @@ CURVES = (
     "fail_given_alert",
     "fail_given_alert_interval",
 )
-"""What an Evaluation stores over epsilon."""
+"""Fields of an Evaluation that depend on epsilon."""
 FAILING = "miss_rate", "withdrawn_rate"
 """Shares of failing flights."""
 
@@ -267,7 +267,7 @@ def _trained(
     executor: Executor | None,
     choose: bool,
 ) -> tuple[Monitor, dict[str, Any], int]:
-    """A monitor, the methods tried, and the number of flights that taught it beside the dataset."""
+    """A monitor, the methods tried, and the number of training flights besides the dataset."""
     recipe = recipe.as_planned()
     learning = failures = None
     if choose or recipe.predictor.forecast:

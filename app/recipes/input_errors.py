@@ -69,7 +69,7 @@ def input_errors(errors: Iterable[Mapping[str, Any]], whole: Any) -> list[InputE
 
 
 def _place(error: Mapping[str, Any], whole: Any) -> tuple[str | int, ...]:
-    """Path of a value in the input; what is named besides is a member of a union."""
+    """Path of a value in the input, without the members of unions that pydantic adds."""
     place: list[str | int] = []
     value: Any = whole
     is_tagged, is_found = False, True

@@ -258,7 +258,7 @@ def monitor_as_ordered(plain: Any) -> Any:
 
     A predictor alone gets its usual score, and a score its predictor. Exact p-values and pointwise
     calibration without a method mean the paper's method. A complete recipe of a version without
-    guarantees stays as it is.
+    guarantees is not changed.
     """
     if not isinstance(plain, dict) or plain.keys() >= BEFORE_GUARANTEE:
         return plain
@@ -278,7 +278,7 @@ def _usual_scope(plain: dict[str, Any]) -> Scope:
 
 
 def _method(plain: dict[str, Any]) -> dict[str, Any]:
-    """Predictor and score of the first method with what is given of them; else the paper's."""
+    """Predictor and score of the first method that has the given one; else the paper's."""
     given = {part: plain[part] for part in ("predictor", "score") if part in plain}
     is_of_neighbors = plain.get("p_value") == "exact" or plain.get("calibration") == "pointwise"
     if len(given) == 2 or (not given and is_of_neighbors):

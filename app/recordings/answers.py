@@ -26,12 +26,16 @@ SUMMARY = ("n", "missing", "min", "max", "mean")
 
 
 def recording_answer(
-    recordings: Recordings, recording_id: str, monitor_id: str | None = None, *, anew: bool = False
+    recordings: Recordings,
+    recording_id: str,
+    monitor_id: str | None = None,
+    *,
+    proposed: bool = False,
 ) -> dict[str, Any]:
     """A recording with its contents and mapping. NotFound; StoreError.
 
-    monitor_id: the monitor whose channels come first.   anew: whether to propose the mapping for
-    it again.
+    monitor_id: the monitor whose channels come first.   proposed: whether the mapping is
+    proposed again for it.
     """
     info = recordings.store.recordings.info(recording_id)
     mapped = recordings.store.recordings.mapped_columns(recording_id)
@@ -40,7 +44,7 @@ def recording_answer(
         dictionary = _likely(mapped.mapping["channels"], recordings.store.dictionaries())
     else:
         dictionary = recordings.dictionary_of(monitor_id)
-    if anew:
+    if proposed:
         mapped = recordings.proposed_for(recording_id, dictionary)
         state, over = mapped.mapping_state, mapped.confirmed_over
         info = replace(info, mapping_state=state, confirmed_over=over)
@@ -68,17 +72,15 @@ def _likely(mapped: Collection[str], own: Iterable[Dictionary]) -> Dictionary:
     if not mapped or any(key in mapped for key in LATERAL.keys):
         return LATERAL
     known = (*own, *DICTIONARIES.values())
-    return max(known, key=lambda each: _share(mapped, each.measured))
-
-
-def _share(mapped: Collection[str], keys: Collection[str]) -> float:
-    return sum(key in mapped for key in keys) / len(keys)
+    return max(
+        known, key=lambda each: sum(key in mapped for key in each.measured) / len(each.measured)
+    )
 
 
 def _targets(
     mapped: dict[str, Any], dictionary: Dictionary, known: Iterable[Channel]
 ) -> list[dict[str, Any]]:
-    """What signals can be mapped to, each key once: first the channels of a dictionary."""
+    """Channels to which signals can be mapped: first those of a dictionary, each key once."""
     targets: dict[str, Channel] = {}
     for channel in (*dictionary.channels, *known):
         if not channel.formula:

@@ -97,7 +97,7 @@ class ScoredArchive:
                 raise ArchiveError(self._why(error)) from None
 
     def about(self) -> dict[str, Any]:
-        """Number of flights and files, names to choose from, and what was scored when by what."""
+        """Numbers of flights and files, names to filter by, and when which monitors scored them."""
         tables = self.tables()
         failed = len(tables.files) - tables.files["error"].null_count
         copies = len(tables.files) - tables.files["copy_of"].null_count

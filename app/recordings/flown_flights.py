@@ -1,4 +1,4 @@
-"""Recordings of flown flights as rollouts, by themselves or beside others."""
+"""Recordings of flown flights as rollouts, alone or with simulated ones."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -56,7 +56,7 @@ class RolloutSources:
     most_bytes: int = MOST_BYTES
 
     def joined(self) -> tuple[RolloutFile, tuple[str, ...]]:
-        """All of them, not yet checked, and what was found in reading them. ValueError."""
+        """All rollouts, not yet checked, and the findings of reading them. ValueError."""
         if self.flown is None:
             return self.read, self.read.findings
         dictionary, *_ = extended(self.read.dictionary, self.channels, self.limits)
@@ -64,7 +64,7 @@ class RolloutSources:
         return read, (*self.read.findings, *self.findings, *found)
 
     def to_dataset(self) -> tuple[Dataset, list[str]]:
-        """Checked and labelled, with what was found. ValueError."""
+        """The rollouts checked and labelled, and all findings. ValueError."""
         read, found = self.joined()
         if self.dataset is not None:
             return _added(self.dataset, read, found)
@@ -86,7 +86,7 @@ class RolloutSources:
 
 
 def no_rollouts(dictionary: Dictionary, dt: float | None) -> RolloutFile:
-    """What recordings alone stand beside.   dt: [s], the usual one if None."""
+    """A file without rollouts, for recordings alone.   dt: [s], the usual one if None."""
     none = np.empty((0, 1, len(dictionary.measured)))
     return RolloutFile(none, dt or DatasetRecipe().dt, dictionary)
 
@@ -140,7 +140,7 @@ def _checked(
 def _joined(
     rollouts: RolloutSources, dictionary: Dictionary, flown: Flown
 ) -> tuple[RolloutFile, tuple[str, ...]]:
-    """The rollouts with the flown ones after them, with computed channels; and what was found."""
+    """The rollouts, then the flown ones, with computed channels; and the findings."""
     read, dataset = rollouts.read, rollouts.dataset
     y = complete(dictionary, read.y, read.dt)
     beside = Beside.of(y, read.dt, dictionary, {} if dataset is None else dataset.recipe)
@@ -198,7 +198,7 @@ def sent_rollouts(sent: SentRollouts, recordings: Recordings, most_bytes: int) -
 
 
 def check_sent(sent: SentRollouts, recordings: Recordings, most_bytes: int) -> None:
-    """Errors of the job that would add them, if it can be told soon.
+    """Raise the errors of the job that would add them, if the check is fast.
 
     TelemetryError; ValueError; NotFound; NoSpace.
     """

@@ -56,7 +56,7 @@ class FlownJournal:
 
 
 def journal_damage(info: FlightInfo, found: str | None) -> str:
-    """What is wrong with the journal of a live flight; empty if nothing is known to be.
+    """Damage to the journal of a live flight; empty if none is known.
 
     found: SHA-256 of its journal; None if there is none.
     """

@@ -13,7 +13,7 @@ from app.assessment import ScoredRecording
 from app.recordings.mapped_recording import MappedRecording
 from app.store.recordings import MappedColumns, MappingState, RememberedMapping
 from app.telemetry.contents import Columns, Contents
-from app.telemetry.mapping.derivations import DERIVATIONS, Derivation
+from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.mapping.mapping import Mapping
 from app.telemetry.mapping.proposal import propose
 from app.telemetry.recording import TelemetryError, Traces
@@ -46,7 +46,10 @@ def propose_mapping(
         "alternatives": proposal.alternatives,
         "notes": proposal.notes,
         "derivable": {
-            key: [_way(DERIVATIONS[name]) for name in names]
+            key: [
+                {"key": way.key, "title": way.title, "needs": way.needs}
+                for way in map(DERIVATIONS.__getitem__, names)
+            ]
             for key, names in proposal.derivable.items()
         },
     }
@@ -75,10 +78,6 @@ def _still_known(remembered: RememberedMapping | None) -> Mapping | None:
         return None if remembered is None else Mapping.from_plain(remembered.mapping)
     except TelemetryError:
         return None
-
-
-def _way(derivation: Derivation) -> dict[str, Any]:
-    return {"key": derivation.key, "title": derivation.title, "needs": derivation.needs}
 
 
 def signature(contents: Contents) -> str:

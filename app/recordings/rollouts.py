@@ -1,4 +1,4 @@
-"""Rollouts as they are sent: files of flights or stored recordings, and what is said of them."""
+"""Rollouts as sent: files of flights or stored recordings, and the fields that describe them."""
 
 from collections.abc import AsyncIterator, Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -102,7 +102,7 @@ class SentRollouts:
             )
 
     def check(self) -> None:
-        """TelemetryError for what cannot be used together."""
+        """TelemetryError if parts cannot be used together."""
         if not (self.files or self.recordings):
             raise TelemetryError(
                 "there is no file: send one or several files of rollouts, or name recordings"
@@ -112,11 +112,11 @@ class SentRollouts:
             given |= {"limit": self.limits, "dt": self.dt}
             if wrong := [name for name, value in given.items() if value]:
                 raise TelemetryError(
-                    f"{wrong[0]} was given beside a dataset, which has its own: leave it out"
+                    f"{wrong[0]} was given with a dataset, which has its own: leave it out"
                 )
 
     def as_plain(self) -> dict[str, Any]:
-        """What is kept of it with a job."""
+        """Summary stored with a job."""
         most = 10
         more = [f"and {len(self.files) - most} more"] if len(self.files) > most else []
         return {
@@ -131,7 +131,7 @@ class SentRollouts:
 
 
 def preview_of(read: RolloutFile) -> dict[str, Any]:
-    """What flights hold, before limits are set: channels with their least and greatest values."""
+    """Channels of flights with their ranges, before limits are set."""
     ranges = {}
     y = complete(read.dictionary, read.y, read.dt)
     for c, channel in enumerate(read.dictionary.channels):
@@ -203,7 +203,7 @@ def failures_of(labels: Iterable[str], known: Mapping[str, str]) -> dict[str, tu
     """
     failures = dict[str, tuple[float, ...]]()
     for text in labels:
-        flight, equals, said = text.rpartition("=")
+        flight, equals, label = text.rpartition("=")
         flight = flight.strip()
         if not equals or flight not in known:
             raise TelemetryError(
@@ -211,12 +211,12 @@ def failures_of(labels: Iterable[str], known: Mapping[str, str]) -> dict[str, tu
                 f"FLIGHT=TIME with the time of failure in seconds, for {', '.join(known) or 'one'}"
             )
         try:
-            times = () if said.strip() == SAFE else tuple(map(float, said.split(",")))
+            times = () if label.strip() == SAFE else tuple(map(float, label.split(",")))
         except ValueError:
             times = (nan,)
         if not all(map(isfinite, times)):
             raise TelemetryError(
-                f"the label {said.strip()!r} of {known[flight]} gives no time: write {SAFE}, or "
+                f"the label {label.strip()!r} of {known[flight]} gives no time: write {SAFE}, or "
                 "times of failure in seconds, such as 12.3, 40.1"
             )
         failures[flight] = times

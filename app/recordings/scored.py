@@ -51,10 +51,13 @@ class SetRequest(NamedTuple):
     declared: abc.Mapping[ConditionKey, float]
 
     def to_plain(self) -> dict[str, Any]:
-        """What the scoring keeps of it: a set never changes, but may be deleted."""
-        kept = {key: each for key, each in asdict(self.info).items() if key in ("id", "name")}
-        cases = [asdict(case) for case in self.info.cases]
-        return kept | {"cases": cases, "condition": dict(self.declared)}
+        """For the scoring, since the set may be deleted."""
+        return {
+            "id": self.info.id,
+            "name": self.info.name,
+            "cases": [asdict(case) for case in self.info.cases],
+            "condition": dict(self.declared),
+        }
 
 
 class ScoredRecordings:

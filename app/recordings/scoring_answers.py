@@ -1,6 +1,6 @@
 """Scorings as plain data."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from itertools import chain
@@ -45,19 +45,17 @@ def answers(
     used = [(info.monitor_id, info.epsilon) for info in infos]
     of_sets = [[(case["monitor"], None) for case in _cases(info)] for info in infos]
     monitors = scored.store.monitors.used(chain(used, *of_sets))
-    return [
-        _answer(info, monitors[pair], verified or scored.verified(info))
-        | {
-            "warnings": _warnings(monitors[each] for each in members or [pair] if each in monitors),
-            "alert_above": monitors[pair].alert_above(info.epsilon),
-            "time_zero": _time_zero(contents, info),
-        }
-        for info, pair, members in zip(infos, used, of_sets, strict=True)
-    ]
-
-
-def _warnings(monitors: Iterable[MonitorInfo]) -> list[str]:
-    return [*dict.fromkeys(chain.from_iterable(each.warnings for each in monitors))]
+    sent = []
+    for info, pair, members in zip(infos, used, of_sets, strict=True):
+        warned = (monitors[each].warnings for each in members or [pair] if each in monitors)
+        answer = _answer(info, monitors[pair], verified or scored.verified(info))
+        answer["warnings"] = [*dict.fromkeys(chain.from_iterable(warned))]
+        answer["alert_above"] = monitors[pair].alert_above(info.epsilon)
+        answer["time_zero"] = (
+            time_zero(contents, TimedMapping.from_plain(info.mapping)) if contents else ""
+        )
+        sent.append(answer)
+    return sent
 
 
 def _cases(info: ScoringInfo) -> list[dict[str, Any]]:
@@ -70,10 +68,6 @@ def _contents(scored: ScoredRecordings, infos: list[ScoringInfo]) -> Contents | 
     with suppress(StoreError, IndexError):
         return scored.recordings.columns(infos[0].recording_id).contents
     return None
-
-
-def _time_zero(contents: Contents | None, info: ScoringInfo) -> str:
-    return time_zero(contents, TimedMapping.from_plain(info.mapping)) if contents else ""
 
 
 def _answer(info: ScoringInfo, monitor: MonitorInfo, verified: bool) -> dict[str, Any]:

@@ -121,7 +121,7 @@ def every_strip(
     """
     chart.explain(
         [
-            ("measured", _reference(dictionary)),
+            ("measured", "measured" if dictionary.absolute else "measured, from trim"),
             ("forecast", f"predicted {lead:g} s ahead"),
             ("limit", "limit"),
             *(
@@ -196,10 +196,6 @@ def _drawn(dictionary: Dictionary, limits: Sequence[LimitPiece]) -> list[int]:
     """Channels that are drawn, in order."""
     order = (*_limited(limits), *dictionary.of_role("control"), *range(len(dictionary)))
     return sorted(list(dict.fromkeys(order))[:MOST_STRIPS])
-
-
-def _reference(dictionary: Dictionary) -> str:
-    return "measured" if dictionary.absolute else "measured, from trim"
 
 
 def _shown(y: Array, channel: Channel, c: int) -> Array:

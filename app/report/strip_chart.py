@@ -253,5 +253,5 @@ def envelope(t: Array, values: Array, bins: int = BINS) -> tuple[Array, Array]:
     at = np.arange(len(blocks)) * size
     low = np.where(np.isnan(blocks), np.inf, blocks).argmin(axis=1) + at
     high = np.where(np.isnan(blocks), -np.inf, blocks).argmax(axis=1) + at
-    kept = np.sort(np.concatenate([low, high, np.arange(whole, len(t))]), kind="stable")
-    return t[kept], values[kept]
+    order = np.sort(np.concatenate([low, high, np.arange(whole, len(t))]), kind="stable")
+    return t[order], values[order]

@@ -312,10 +312,11 @@ def read_recording(
 ) -> RecordingDetails:
     """One recording with its contents and mapping.
 
-    With a monitor its channels are proposed beside a confirmed mapping, and nothing is stored.
+    With a monitor, its channels are proposed besides a confirmed mapping; nothing is stored.
     """
-    anew = monitor is not None
-    return json_response(_drawn(recording_answer(recordings, recording_id, monitor, anew=anew)))
+    is_asked = monitor is not None
+    answer = recording_answer(recordings, recording_id, monitor, proposed=is_asked)
+    return json_response(_drawn(answer))
 
 
 @router.delete("/{recording_id}", status_code=204, responses=problem_responses(409))

@@ -59,7 +59,7 @@ class ForecastError(BaseModel):
 
 
 class SimulatedFlights(BaseModel):
-    """What the dataset of a monitor shows of flights to come; null with the reason where absent."""
+    """Flights expected from the dataset of a monitor; null with the reason where unknown."""
 
     dataset: str | None = Field(description="id; its rollouts are at /datasets/{id}/rollouts")
     reason: str = Field(description="why there is no dataset, else empty")
@@ -137,10 +137,10 @@ def _simulated(store: Store, monitor_id: str) -> dict[str, Any]:
 
 def _plain_band(band: SafeBand, dictionary: Dictionary) -> dict[str, Any]:
     n = len(band.t)
-    kept = np.unique(np.linspace(0, n - 1, min(n, MOST_TIMES)).astype(int))
-    ends = _rounded(band.low[kept]).T.tolist(), _rounded(band.high[kept]).T.tolist()
+    shown = np.unique(np.linspace(0, n - 1, min(n, MOST_TIMES)).astype(int))
+    ends = _rounded(band.low[shown]).T.tolist(), _rounded(band.high[shown]).T.tolist()
     return {
-        "t": _rounded(band.t[kept]).tolist(),
+        "t": _rounded(band.t[shown]).tolist(),
         "channels": _by_channel(dictionary, *ends),
         "n_flights": band.n_flights,
         "onset": band.onset,

@@ -188,8 +188,8 @@ class MonitorSetRepository(Repository):
         """ValueError for the name of another set."""
         row = {"id": new_id(), "name": name, "created": now(), "by": by, "text": text}
         with self._writing() as connection:
-            alike = select(monitor_sets.c.id).where(monitor_sets.c.name == name)
-            if (other := connection.execute(alike).scalars().first()) is not None:
+            same_name = select(monitor_sets.c.id).where(monitor_sets.c.name == name)
+            if (other := connection.execute(same_name).scalars().first()) is not None:
                 raise ValueError(
                     f"monitor set {other} is called {name!r} too: give this one another name"
                 )

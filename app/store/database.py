@@ -399,7 +399,7 @@ def _explained(engine: Engine) -> Iterator[None]:
 
 
 def reason_of(error: DBAPIError) -> str:
-    """What the database says of an error, on one line."""
+    """The database's message for an error, on one line."""
     return " ".join(str(error.orig).split())
 
 

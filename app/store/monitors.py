@@ -292,7 +292,7 @@ def _evaluation(stored: dict[str, Any] | None) -> dict[str, Any] | None:
 def _measured(
     evaluation: dict[str, Any] | None, epsilon: float, is_calibrated: bool
 ) -> dict[str, Any]:
-    """What fresh flights show at an epsilon: the fields of a MonitorInfo that follow from it."""
+    """Fields of a MonitorInfo that depend on epsilon: results on fresh flights, and warnings."""
     tested = certificate(evaluation, epsilon)
     return {
         "missed": tested and tested.missed,

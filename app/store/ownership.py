@@ -1,7 +1,7 @@
-"""Who serves a database: one process, by a lock that ends with it.
+"""Ownership of a database: only one process serves it, and its lock ends with it.
 
-SQLite: a file beside the database. PostgreSQL: a session's advisory lock, on a connection that does
-nothing else; who loses the connection has lost the database until the lock is held again.
+SQLite: a locked file next to the database. PostgreSQL: a session's advisory lock, on a connection
+of its own; a process that loses the connection must take the lock again.
 """
 
 import json
@@ -124,14 +124,18 @@ def _taken(place: str, option: str) -> Taken:
 
 
 class Ownership:
-    """Of a database that this process serves.
+    """The lock on a database that this process serves.
 
     fault: one sentence while the lock is lost, as of the newest check; empty while it is held.
     """
 
     def __init__(self, url: URL) -> None:
         database = file_of(url)
-        self._hold = SessionHold(url) if database is None else _beside(database)
+        if database is None:
+            self._hold: SessionHold | FileHold = SessionHold(url)
+        else:
+            lock = database.with_name(f"{database.name}.lock")
+            self._hold = FileHold(database, lock, "--database-url")
         self.n_users = 0
         self.fault = ""
 
@@ -152,10 +156,6 @@ class Ownership:
             with _TURN:
                 self.fault = hold.regain() if self.n_users else ""
         return self.fault
-
-
-def _beside(database: Path) -> FileHold:
-    return FileHold(database, database.with_name(f"{database.name}.lock"), "--database-url")
 
 
 @contextmanager
@@ -200,7 +200,7 @@ def published(data_dir: Path, about: dict[str, Any] | None) -> Iterator[None]:
 
 
 def published_by(data_dir: Path) -> dict[str, Any]:
-    """What the owner of a data directory has left there; empty if nothing."""
+    """Facts that the owner of a data directory has published there; empty if none."""
     try:
         return json.loads((data_dir / PUBLISHED).read_text())
     except (OSError, ValueError):

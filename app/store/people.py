@@ -168,12 +168,12 @@ class SessionRepository(Repository):
         with self._reading() as connection:
             return [StoredSession(**row._mapping) for row in connection.execute(query)]
 
-    def keep(self, kept: Sequence[StoredSession], changed: Collection[str]) -> None:
+    def keep(self, stored: Sequence[StoredSession], changed: Collection[str]) -> None:
         """Store sessions, and forget the changed ones that are not among them."""
         with self._deleting() as connection:
             connection.execute(delete(sessions).where(sessions.c.digest.in_(changed)))
-            if kept:
-                connection.execute(insert(sessions), [asdict(session) for session in kept])
+            if stored:
+                connection.execute(insert(sessions), [asdict(session) for session in stored])
 
 
 @dataclass(frozen=True)

@@ -102,7 +102,7 @@ def _named() -> Iterator[Column[str]]:
 
 
 def _called() -> Iterator[Column[Any]]:
-    """At which sample of a flight, when and by whom."""
+    """Sample of a flight, time and author of an action."""
     yield Column("seq", BigInteger, nullable=False)
     yield Column("t", Float, nullable=False)
     yield _time("created", nullable=False)

@@ -77,7 +77,7 @@ class GivenDictionary(NamedTuple):
 
 @dataclass(frozen=True)
 class _Wanted:
-    """What the caller gives besides the files.   name: of the source, in messages."""
+    """Arguments of the caller, without the files.   name: of the source, in messages."""
 
     dictionary: Dictionary | None
     units: Mapping[str, str]
@@ -86,7 +86,7 @@ class _Wanted:
     most_bytes: int
 
     def in_si(self, values: npt.NDArray[Any], unit: str, known: Channel) -> Array:
-        """Values of a channel, recorded in `unit`, "" if the files do not tell. TelemetryError."""
+        """Values of a channel, recorded in `unit`, "" if the files give none. TelemetryError."""
         try:
             return convert(values, unit or self.units.get(known.key, known.unit), known.unit)
         except TelemetryError as error:

@@ -40,7 +40,7 @@ class BitField:
     def of(self, words: Array) -> Array:
         """The field of each word (n,). A negative word is in two's complement.
 
-        NaN for what is not a whole number of at most MOST_BITS bits.
+        NaN unless it is a whole number of at most MOST_BITS bits.
         """
         is_word = (words == np.round(words)) & (np.abs(words) < 2.0**MOST_BITS)
         whole = np.where(is_word, words, 0.0).astype(np.int64)
@@ -94,7 +94,7 @@ def read_bits(text: str) -> BitField:
 
 @dataclass(frozen=True)
 class Scaling:
-    """value = scale * raw + offset.   bits: of the raw word, "" for the number as it is."""
+    """value = scale * raw + offset.   bits: of the raw word, "" for the whole number."""
 
     scale: float = 1.0
     offset: float = 0.0

@@ -52,11 +52,11 @@ KNOWN: dict[str, Channel] = TARGETS | {
 
 
 def target_of(key: str, unit: str) -> Channel:
-    """What a signal recorded in `unit` is mapped to by a key; its values are stored in its unit.
+    """Channel of a key for a signal recorded in `unit`; values are stored in its own unit.
 
     A key that is not known, or one outside TARGETS whose unit is of another kind (q in Pa), is a
-    channel of a user's own dictionary: its values are stored in SI units, and whoever reads them
-    converts. TelemetryError if `unit` is unknown.
+    channel of a user's own dictionary: its values are stored in SI units, and converted when
+    they are read. TelemetryError if `unit` is unknown.
     """
     known = KNOWN.get(key)
     if known and (key in TARGETS or not unit.strip() or fits(unit, known.unit)):

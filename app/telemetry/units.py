@@ -99,7 +99,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "kg": ("kg",),
     "K": ("K",),
 }
-"""By unit of the target, which comes first."""
+"""By unit of the target, which is the first."""
 
 _NAMES = {
     spelling: unit

@@ -148,7 +148,7 @@ def _add_recording(
     live: Store,
     info: RecordingInfo,
 ) -> list[str]:
-    """Add the folder of a recording; return what is damaged or missing. Changed."""
+    """Add the folder of a recording; return the damaged or missing files. Changed."""
     scorings = snapshot.scorings.ids(info.id)
     folder = files.root / info.id
     added: set[Path] = set()
@@ -175,7 +175,7 @@ def _add_recording(
 def _add_journal(
     writer: ArchiveWriter, journals: Journals, live: Store, info: FlightInfo
 ) -> list[str]:
-    """Add the journal of a live flight; return what is wrong with it. Changed."""
+    """Add the journal of a live flight; return its damage. Changed."""
     if info.source.get("kind") != "live":
         return []
     path = journals.path(info.id)

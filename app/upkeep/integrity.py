@@ -76,7 +76,7 @@ class Item:
 
 
 class Inventory(NamedTuple):
-    """What a store holds.
+    """Contents of a store.
 
     numbers: intact items by kind.   damaged: a sentence for each damaged one, or one that lies in
     another data directory.   unverified: flights without a digest.

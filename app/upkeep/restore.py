@@ -48,7 +48,9 @@ def restore(backup: Path, data_dir: Path, url: str, *, replace: bool = False) ->
         _check_schema(backup, archive.manifest)
         finish(data_dir)
         folders = [data_dir / RECORDINGS, data_dir / JOURNALS]
-        existing = [path for path in (*_files_of(database), *folders) if _has_content(path)]
+        ends = "", "-wal", "-shm", ENDING
+        files = [database.with_name(database.name + end) for end in ends]
+        existing = [path for path in (*files, *folders) if _has_content(path)]
         if existing and not replace:
             raise StoreError(
                 f"{existing[0]} exists: give --replace to move it aside, or another --data-dir"
@@ -147,11 +149,6 @@ def _unpack(archive: Archive, data_dir: Path, database: Path) -> tuple[Path, ...
 def _clear(places: Iterable[Path]) -> None:
     for place in places:
         shutil.rmtree(place, ignore_errors=True)
-
-
-def _files_of(database: Path) -> list[Path]:
-    ends = "-wal", "-shm", ENDING
-    return [database, *(database.with_name(database.name + end) for end in ends)]
 
 
 def _has_content(path: Path) -> bool:

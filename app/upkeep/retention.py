@@ -1,8 +1,8 @@
 """Retention: deletes old flights and recordings, by age or by total size.
 
 By age: flights that ended and recordings that were uploaded more than so many days ago. By size:
-the oldest, until the rest fits. Never deleted: what is kept permanently, running flights, the
-recording of a flight that is kept, and recordings that a remaining flight replays. Monitors and
+the oldest, until the rest fits. Never deleted: items kept permanently, running flights, the
+recording of a flight kept permanently, and those that a remaining flight replays. Monitors and
 datasets are never deleted. SQLite's file keeps its size; freed space inside it is reused.
 """
 
@@ -29,7 +29,7 @@ RetainedKind = Literal["flight", "recording"]
 
 @dataclass(frozen=True)
 class RetentionRule:
-    """What to delete. older_than: age [days].   above: total size allowed [bytes]."""
+    """Limits of retention. older_than: age [days].   above: total size allowed [bytes]."""
 
     older_than: float | None = None
     above: int | None = None
@@ -66,7 +66,7 @@ class Retained:
 
 @dataclass(frozen=True)
 class Retention:
-    """What a rule deletes, oldest first, and what stays."""
+    """Items that a rule deletes, oldest first, and the others."""
 
     goes: list[Retained]
     stays: list[Retained]
@@ -105,7 +105,7 @@ def _flight(info: FlightInfo, size: int) -> Retained:
 
 
 def choose(items: Iterable[Retained], rule: RetentionRule, now: datetime) -> Retention:
-    """What a rule deletes at a given time."""
+    """Apply a rule at a given time, without deleting."""
     ordered = sorted(items, key=lambda item: (item.since, item.kind, item.id))
     by_id = {item.id: item for item in ordered}
     n_replaying = Counter(item.replays for item in ordered if item.replays)
@@ -138,7 +138,7 @@ def choose(items: Iterable[Retained], rule: RetentionRule, now: datetime) -> Ret
 
 
 def retain(recordings: Recordings, journals: Journals, rule: RetentionRule) -> Retention:
-    """Delete by a rule; what is kept or flown in the meantime stays. StoreError."""
+    """Delete by a rule, except items kept or flown in the meantime. StoreError."""
     chosen = choose(everything(recordings, journals), rule, datetime.now(UTC))
     deleted = []
     for item in sorted(chosen.goes, key=lambda item: item.kind):  # flights first

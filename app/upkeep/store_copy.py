@@ -168,15 +168,15 @@ def _emptied(target: URL) -> Iterator[None]:
 @contextmanager
 def _verbatim(url: URL) -> Iterator[Engine]:
     """An engine that gives and takes JSON as the text that is stored."""
-    engine = make_engine(url, json_serializer=str, json_deserializer=_text)
+    engine = make_engine(
+        url,
+        json_serializer=str,
+        json_deserializer=lambda text: text if isinstance(text, str) else text.decode(),
+    )
     try:
         yield engine
     finally:
         engine.dispose()
-
-
-def _text(content: str | bytes) -> str:
-    return content if isinstance(content, str) else content.decode()
 
 
 def _name(url: URL) -> str:

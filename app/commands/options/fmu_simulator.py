@@ -126,9 +126,9 @@ def dictionary_for(keys: Sequence[str], units: Sequence[str]) -> Dictionary:
 
 
 def _to_si(variable: Any, unit: str, description: Any) -> tuple[float, float]:
-    """Scale and offset of a variable to a channel's unit, by the model's definition of its own.
+    """Scale and offset of a variable to a channel's unit, from the model's own unit definitions.
 
-    TelemetryError where neither that definition nor its name tells.
+    TelemetryError if neither these nor the unit's name give them.
     """
     if not variable.unit:
         return 1.0, 0.0
@@ -152,9 +152,9 @@ def _to_si(variable: Any, unit: str, description: Any) -> tuple[float, float]:
 def nominal_and_spread(
     given: float | Sequence[float], nominal: float | str | None, where: str
 ) -> tuple[float, float]:
-    """What a test point gives of a parameter. RecipeError.
+    """Nominal value and spread of a parameter at a test point. RecipeError.
 
-    nominal: where it gives the spread alone; None if unknown.   where: for the error.
+    nominal: used if only the spread is given; None if unknown.   where: for the error.
     """
     if not isinstance(given, int | float):
         nominal, spread = given

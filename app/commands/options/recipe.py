@@ -89,7 +89,7 @@ USUALLY = {
     "n-unsafe": f"{USUAL_DATASET.n_unsafe} if absent in train",
     "guarantee": f"{USUAL_MONITOR.guarantee.replace('%', '%%')} if absent in train",
 }
-"""What the help adds to the words of the field."""
+"""Text that the help adds to the description of a field."""
 # part of a dataset's recipe: kind whose defaults are an example, required field, what to do
 EXAMPLES: dict[str, tuple[str, str, str]] = {
     "aircraft": ("matrices", "a", "give --aircraft FILE.json with your matrices"),

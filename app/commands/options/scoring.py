@@ -27,7 +27,7 @@ def add_scoring_options(
     aircraft: str = "use its stored mapping; a given mapping is stored for it",
     kind: type = Path,
 ) -> None:
-    """file, text, kind: name, help and type of what is scored.   aircraft: what naming one does."""
+    """file, text, kind: name, help and type of what is scored.   aircraft: help of its option."""
     option(
         parser, "monitors MONITOR", "monitor files; none with --monitor-set", type=Path, nargs="+"
     )

@@ -1,1 +1,1 @@
-"""What studies found, in words, tables and figures: methods, leads, campaigns."""
+"""Results of studies in words, tables and figures: methods, leads, campaigns."""

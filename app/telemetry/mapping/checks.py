@@ -255,7 +255,7 @@ def _used_twice(mapping: Mapping, key: str) -> list[str]:
         for other, source in mapping.channels.items()
         if other != key
         and source.signal == name
-        and not _same_quantity(mapping, key, other)
+        and not (may_be_one_quantity(key, other) and source == mapping.channels[key])
         and not _other_bits(source, mapping.channels[key])
     ]
     others += [f"the time{f' of {g}' if g else ''}" for g, t in mapping.times.items()
@@ -266,10 +266,6 @@ def _used_twice(mapping: Mapping, key: str) -> list[str]:
 def _other_bits(source: ChannelSource, other: ChannelSource) -> bool:
     """Whether two sources are different parts of one word."""
     return bool(source.bits and other.bits) and source.bits != other.bits
-
-
-def _same_quantity(mapping: Mapping, key: str, other: str) -> bool:
-    return may_be_one_quantity(key, other) and mapping.channels[key] == mapping.channels[other]
 
 
 def _other_unit(columns: Columns, key: str, source: ChannelSource) -> list[str]:

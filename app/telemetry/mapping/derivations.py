@@ -131,14 +131,11 @@ def derive(way: Derivation, traces: Mapping[str, Trace]) -> Trace:
     helps = way.helps if all(key in traces for key in way.helps) else ()
     first = traces[way.needs[0]]
     inputs = {key: on_times_of(first, traces[key], key) for key in (*way.needs, *helps)}
-    names = [_named(traces[key].source, key) for key in inputs]
+    sources = {key: traces[key].source for key in inputs}
+    names = [key if source == key else f"{source} as {key}" for key, source in sources.items()]
     source = f"derived: {way.title}, from {', '.join(names)}"
     values, unit = way.apply(first.t, inputs), TARGETS[way.target].unit
     return Trace(first.t, values, first.group, source, derived=True, unit=unit)
-
-
-def _named(source: str, key: str) -> str:
-    return key if source == key else f"{source} as {key}"
 
 
 def on_times_of(first: Trace, other: Trace, key: str) -> Array:

@@ -1,4 +1,4 @@
-"""Map signals to channels of any dictionary by exact name; only units decide besides.
+"""Map signals to channels of any dictionary by exact name and by unit.
 
 Case, spaces, punctuation, the path of the name and a unit at its end do not matter.
 """

@@ -165,7 +165,7 @@ _MAPPING = TypeAdapter(Mapping)
 
 
 def _in_words(kind: str, message: str, given: Any) -> str:
-    """A fault of pydantic without its types: what was given, what is needed."""
+    """An error of pydantic in plain words: what was given, what is needed."""
     if kind == "unexpected_keyword_argument":
         return "is unknown: leave it out, or correct its name"
     if kind == "value_error":

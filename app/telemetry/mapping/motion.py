@@ -249,8 +249,9 @@ def sideslip_balance(moves: Motion) -> dict[str, Estimate]:
         return {}
     rates = moves.rates["beta"]
     causes = [key for key in CAUSES if key in moves.values]
-    if any(_peak(x) > LARGEST for x in (rates, *(moves.values[key] for key in causes))):
-        return {}
+    for values in (rates, *(moves.values[key] for key in causes)):
+        if np.fmax.reduce(np.abs(values), initial=0.0) > LARGEST:
+            return {}
     apart = np.flatnonzero(np.diff(moves.window)) + 1  # separate the windows
 
     def parted(values: Array) -> Array:
@@ -261,10 +262,6 @@ def sideslip_balance(moves: Motion) -> dict[str, Estimate]:
     if fit is None or fit.share < BALANCED or not fit.delay_is_inside:
         return {}
     return {key: fit.coefficient(k) for k, key in enumerate(causes)}
-
-
-def _peak(x: Array) -> float:
-    return float(np.fmax.reduce(np.abs(x), initial=0.0))
 
 
 RATES = ("p", "r")

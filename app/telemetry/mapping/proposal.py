@@ -60,7 +60,7 @@ UNCHECKED = {
     "phi": "roll rate and lateral acceleration are not checked against it",
     "psi": "the yaw rate is not checked against it",
 }
-"""What is not checked without a channel; attitude only checks lateral channels."""
+"""Checks that a missing channel prevents; attitude only checks lateral channels."""
 NO_TIME = f"no signal is a time: choose one as the time, or give the sample rate ({EXAMPLE})"
 
 

@@ -95,8 +95,8 @@ def recall(builder: ProposalBuilder, remembered: Mapping, aircraft: str) -> None
         builder.assign(key, source, CONFIDENCE, origin)
         builder.confirmed.add(key)
         unit = spelled(builder.columns.signal(source.signal).unit)
-        kept = target_of(key, source.unit).unit
-        if unit and fits(unit, kept) and unit != spelled(source.unit):
+        target_unit = target_of(key, source.unit).unit
+        if unit and fits(unit, target_unit) and unit != spelled(source.unit):
             reason = f"the file now gives {unit} where {source.unit} was confirmed: check the unit"
             builder.comment(key, reason, 0.5)
         if other := other_scaling(builder.columns, source):

@@ -1,4 +1,4 @@
-"""What the motion in the raw numbers of a file shows before units are known.
+"""Evidence on units from the motion in the raw numbers of a file.
 
 A roll rate is the slope of the bank angle, beta-dot follows minus the yaw rate and g/V times side
 force and bank, N_z is near 1 g, and airspeed over Mach number is the speed of sound. The raw

@@ -47,7 +47,10 @@ class Packet:
 
 def packets(path: Path) -> Iterator[Packet | int]:
     """Every complete packet of a file in order, and the number of bytes skipped in between."""
-    with path.open("rb") as file, closing(_mapped(file.fileno())) as recorded:
+    with (
+        path.open("rb") as file,
+        closing(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)) as recorded,
+    ):
         at = 0
         while (start := recorded.find(SYNC, at)) >= 0:
             if not (length := _length(recorded, start)):
@@ -65,10 +68,6 @@ def packets(path: Path) -> Iterator[Packet | int]:
 def ticks_between(later: int, earlier: int) -> int:
     """Ticks from one time to another; the counter may have wrapped."""
     return (later - earlier + TURN // 2) % TURN - TURN // 2
-
-
-def _mapped(handle: int) -> mmap.mmap:
-    return mmap.mmap(handle, 0, access=mmap.ACCESS_READ)
 
 
 def _length(recorded: mmap.mmap, at: int) -> int:

@@ -63,13 +63,13 @@ def carry_out(order: dict[str, Any]) -> dict[str, Any]:
 
 
 def _carry_out_next(order: dict[str, Any]) -> dict[str, Any]:
-    """Run an order in the kept process, which is kept on if it has read or refused the file."""
-    worker, is_kept = _spare_or_new(), False
+    """Run an order in a spare process, which remains one if it has read or refused the file."""
+    worker, is_spare = _spare_or_new(), False
     try:
         result = _next_answer(worker, order)
-        is_kept = result["end"] in ("read", "refused")
+        is_spare = result["end"] in ("read", "refused")
     finally:
-        if is_kept:
+        if is_spare:
             _spares.put(worker)
         else:
             _end(worker)

@@ -30,8 +30,8 @@ ON_A_LINE = 1e-6
 """Largest distance of a pair set from a straight line, as a share of its range."""
 STATUS = BitField(30, 31)
 NORMAL, PLUS = 3, 0
-"""States of an ARINC 429 word with data: of a signed one, and of other kinds besides. In all kinds
-1 is no computed data and 2 a functional test."""
+"""States of an ARINC 429 word with data: NORMAL of signed ones, either of other kinds. In all
+kinds 1 is no computed data and 2 a functional test."""
 
 
 class Place(NamedTuple):
