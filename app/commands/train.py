@@ -65,7 +65,7 @@ SIMULATED = "simulated"
 
 @dataclass(frozen=True)
 class TrainingRecipe:
-    """What `train` does: simulate a dataset, train a monitor, fly fresh rollouts through it."""
+    """Simulate a dataset, train a monitor, and fly fresh rollouts through it."""
 
     dataset: ManeuverTest = DatasetRecipe()  # noqa: RUF009
     monitor: MonitorRecipe = MonitorRecipe()  # noqa: RUF009

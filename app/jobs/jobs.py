@@ -49,7 +49,7 @@ class Task:
     watchers: set[Callable[[], object]] = field(default_factory=set)
     ended: bool = False
     executor: Executor | None = None
-    """Of its computations; None for this machine."""
+    """Runs its computations; None for this machine."""
     release: Callable[[], object] = lambda: None
     """Called when it has ended, whether it ran or not."""
     next_save: float = 0.0

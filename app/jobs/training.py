@@ -69,7 +69,7 @@ def calibrating(n_unsafe: int) -> int:
 
 
 def too_few(n_unsafe: int, recipe: MonitorRecipe) -> list[str]:
-    """That own flights have too few failures for the recipe's epsilon, and how many would do."""
+    """Warning if own flights have too few failures for the recipe's epsilon; else empty."""
     needed, guarantee = failures_needed(recipe.epsilon, recipe.guarantee), recipe.guarantee
     if calibrating(n_unsafe) >= needed:
         return []
@@ -121,7 +121,7 @@ class FlownTest:
     groups: dict[str, dict[str, Evaluation]] = field(default_factory=dict)
 
     def as_plain(self, n_test: int, monitor: Monitor) -> dict[str, Any]:
-        """As JSON types; None where nothing could be counted."""
+        """JSON types; None where nothing could be counted."""
         return {
             "n_test": n_test,
             "epsilon": self.epsilon,
@@ -324,7 +324,7 @@ def _learned(
 def _fresh_failures(
     recipe: SimulatedTest, progress: Progress, executor: Executor | None = None
 ) -> Rollouts:
-    """As many failing flights as the dataset has, to calibrate a rule of several parts."""
+    """Fresh failures, as many as the dataset has, to calibrate a rule of several parts."""
 
     def report(n_unsafe: int, n_made: int) -> None:
         progress(f"training: {n_unsafe} fresh failures of {n_made} flights", 0, 3)
@@ -333,7 +333,7 @@ def _fresh_failures(
 
 
 def _near_failures(recipe: DatasetRecipe, progress: Progress) -> list[Rollouts]:
-    """As many failing flights of each population near the planned one."""
+    """Failing flights of each population near the planned one, as many as in the dataset."""
 
     def report(n_done: int, total: int) -> None:
         progress(f"training: {n_done} of {total} kinds of near aircraft and hands", 0, 3)

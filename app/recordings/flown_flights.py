@@ -78,7 +78,7 @@ class RolloutSources:
 
     @classmethod
     def beside(cls, dataset: Dataset, flown: Flown) -> "RolloutSources":
-        """Of a dataset and recordings."""
+        """Rollouts of a dataset and recordings."""
         flights = dataset.flights()
         fail_index = np.where(flights.fails, flights.fail_index, -1)
         about = dataset.dt, dataset.dictionary, fail_index, flights.theta, dataset.theta_names

@@ -27,7 +27,7 @@ MOST_TEXT = 2**18
 """Most bytes of a field that is no file."""
 LONGEST_NAME = 200
 MOST_NAME_BYTES = 255
-"""Of a file name, on the usual file systems."""
+"""Longest file name on the usual file systems."""
 FILES = "files"
 """Folder of the sent files, within that of the upload."""
 TEXTS = (

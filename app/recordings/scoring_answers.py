@@ -59,7 +59,7 @@ def answers(
 
 
 def _cases(info: ScoringInfo) -> list[dict[str, Any]]:
-    """Of the monitor set that it was scored by; empty for one monitor."""
+    """Cases of the monitor set that scored it; empty for one monitor."""
     return info.request.get("monitor_set", {}).get("cases", [])
 
 

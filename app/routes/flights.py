@@ -443,7 +443,7 @@ def _status(
 
 
 def _warnings(authority: FlownMonitor, monitor_set: MonitorSetStatus | None) -> list[str]:
-    """Of the alarm authority; of a monitor set, of each of its monitors."""
+    """Warnings of the alarm authority; for a monitor set, of each of its monitors."""
     if monitor_set is None:
         return authority.warnings
     warnings = [text for each in monitor_set.conditions for text in each.warnings]

@@ -162,5 +162,5 @@ def _by_channel(dictionary: Dictionary, low: list[Any], high: list[Any]) -> dict
 
 
 def _rounded(values: Array) -> Array:
-    """To DIGITS significant digits: the answer is half as long."""
+    """Round to DIGITS significant digits, which halves the answer."""
     return np.vectorize(lambda value: float(f"{value:.{DIGITS}g}"), otypes=[float])(values)

@@ -21,7 +21,7 @@ from core.monitor.status import cause_of
 from core.types import Array
 
 FIELDS = ("t", "y", "p_value", "alert", "state", "y_hat", "cause", "manoeuvre")
-"""Of a stored sample."""
+"""Fields of a stored sample."""
 UNKNOWN = -1
 """Manoeuvre of samples stored by earlier versions."""
 DISPLAY = np.dtype([("p_value", "<f8"), ("alert", "?"), ("state", "u1")])
@@ -63,7 +63,7 @@ class StoredDisplay:
     """(n,) why a sample was not assessed"""
 
     def part(self, rows: slice) -> "StoredDisplay":
-        """Those of some samples."""
+        """The assessments of some samples."""
         return StoredDisplay(self.samples[rows], self.reasons[rows])
 
 

@@ -130,7 +130,7 @@ class Repository:
 
     @contextmanager
     def _deleting(self) -> Iterator[Connection]:
-        """As _writing, with the space reserved for deletions."""
+        """Like _writing, with the space reserved for deletions."""
         with (
             self._writer.turn(),
             self._writer.reserve.freed(self._engine),

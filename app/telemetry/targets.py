@@ -102,7 +102,7 @@ BY_UNIT: dict[str, float] = {
     "m": 100_000.0,
 }
 ACCUMULATED = 1e4
-"""Of an angle that may accumulate full turns [rad]."""
+"""Bound of an angle that may accumulate full turns [rad]."""
 BOUNDS: dict[str, float] = {
     target.key: ACCUMULATED if target in ATTITUDE_TARGETS else BY_UNIT.get(target.unit, np.inf)
     for target in KNOWN.values()

@@ -1,1 +1,1 @@
-"""What a flown amplitude says about the next one: identification, sensors, clearance."""
+"""From flown amplitudes to the next one: identification, sensors, clearance."""

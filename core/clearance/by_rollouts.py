@@ -51,9 +51,9 @@ class PeakRegression:
             scale = np.where(moves, 1.0 / np.where(moves, deviation, 1.0), 0.0)
             z = (x - x.mean(axis=0)) * scale
             _, size, along = np.linalg.svd(z / len(z) ** 0.5, full_matrices=False)
-            kept = size > LEAST_SPREAD * size[0]
+            is_large = size > LEAST_SPREAD * size[0]
             centers.append(x.mean(axis=0))
-            roots.append(scale[:, np.newaxis] * along[kept].T / size[kept])
+            roots.append(scale[:, np.newaxis] * along[is_large].T / size[is_large])
         return cls(limits, weights, constant, np.sort(residuals), tuple(centers), tuple(roots))
 
     def predict(self, records: Sequence[Array]) -> tuple[Array, Array]:

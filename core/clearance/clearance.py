@@ -41,9 +41,9 @@ BATCH = 100
 FLIGHTS = 8
 """Flights of the next point by each aircraft tested for exceedance."""
 N_LEARNED = 1_000
-"""Simulated aircraft that teach a prediction by flights alone; they calibrate nothing."""
+"""Simulated aircraft that train a prediction by flights alone; they calibrate nothing."""
 SHARED = "aircraft", "condition", "control_law", "pitch_law", "specification", "dt"
-"""What all points of a build-up share, where the test has it."""
+"""Parts of a test that are the same at all points of a build-up."""
 MOST_AIRCRAFT = 20_000
 """Largest number of aircraft tested."""
 RARE = 0.01
@@ -190,7 +190,7 @@ class PeakPredictor(ABC):
     @property
     @abstractmethod
     def checks(self) -> tuple[str, ...]:
-        """What each check of a prediction finds."""
+        """Meaning of each check of a prediction, if it fails."""
 
     @abstractmethod
     def sample(self, n: int, rng: np.random.Generator) -> Array:
@@ -483,8 +483,8 @@ def calibrate(
         theta = predictor.sample(BATCH, rng)
         flights, _ = predictor.following.fly(np.repeat(theta, FLIGHTS, axis=0), rng)
         exceeding = flights.is_unsafe.reshape(BATCH, FLIGHTS).mean(axis=1)
-        kept = (n_tried + np.arange(BATCH) < recipe.n_aircraft) | (exceeding > 0.0)
-        tried.append((theta[kept], exceeding[kept]))
+        is_used = (n_tried + np.arange(BATCH) < recipe.n_aircraft) | (exceeding > 0.0)
+        tried.append((theta[is_used], exceeding[is_used]))
         n_exceeding += float(exceeding.sum())
         n_tried += BATCH
     if n_exceeding < recipe.n_exceeding and n_exceeding > RARE * n_tried:

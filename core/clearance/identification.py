@@ -33,7 +33,7 @@ from core.types import Array, Flags
 FIRST_NOISE = 0.02
 """First guess of an output's noise, as a share of its motion."""
 LEAST_SURFACE_NOISE = 0.001
-"""As a share of the surface's motion: with none at all, the fit stops far from the aircraft."""
+"""Share of the surface's motion; with zero noise the fit stops far from the aircraft."""
 ROUNDS, CLOSE = 12, 0.02
 """Largest number of alternations between noise and posterior; relative change that ends them."""
 FIRST_STEPS, STEPS_A_ROUND = 5, 1

@@ -45,7 +45,7 @@ N_POINTS = 120
 N_UNSAFE, MOST_ROLLOUTS, MOST_SAFE = 100, 5_000, 1_000
 """Failures that calibrate each of their monitors, out of at most so many rollouts."""
 STEP = 1.0 / (N_UNSAFE + 1)
-"""Of the p-values of these monitors."""
+"""Step between p-values of these monitors."""
 
 
 @dataclass(frozen=True, eq=False)

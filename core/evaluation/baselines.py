@@ -1,7 +1,7 @@
-"""Who else warns: rules of others, calibrated as the monitors are, to compare them at equal miss.
+"""Baselines: published warning rules, calibrated like monitors to compare at equal miss rates.
 
-By themselves they promise no miss rate. Each scores every sample of a flight from the samples so
-far; a low score is close to a failure.
+Without calibration they promise no miss rate. Each scores every sample of a flight from the
+samples so far; a low score is close to a failure.
 """
 
 from abc import ABC, abstractmethod
@@ -27,7 +27,7 @@ from core.types import Array
 LEAST_WIDTH = 0.05
 """Least half width of an envelope, as a share of the channel's largest."""
 TOLERANCE, REACH = 0.1, 0.05
-"""Of boxes, in standard deviations of the channels on safe flights: see `grow_boxes`."""
+"""See `grow_boxes`; in standard deviations of the channels on safe flights."""
 REGRESSORS = [KEYS.index(key) for key in ("beta", "p", "r", "delta_a", "delta_r")]
 RATES, FORCE = [KEYS.index(key) for key in ("p", "r")], KEYS.index("Ny")
 
@@ -177,7 +177,7 @@ BASELINES: dict[str, Baseline] = {
 
 
 def baselines_for(dictionary: Dictionary) -> dict[str, Baseline]:
-    """Those that can use the channels of a dictionary."""
+    """The baselines that can use the channels of a dictionary."""
     return {name: each for name, each in BASELINES.items() if each.dictionary in (None, dictionary)}
 
 

@@ -21,7 +21,7 @@ from core.types import Array, Indices
 N_DRAWN = 64
 """Aircraft and pilots drawn from each posterior."""
 DIFFERENCE, LARGEST_STEP = 0.02, 3.0
-"""Of the Gauss-Newton method, in standard deviations of the prior."""
+"""Steps of the Gauss-Newton method, in standard deviations of the prior."""
 LEAST_NOISE, LEAST_DEVIATION = 1e-6, 0.01
 """Smallest noise of a sample, in SI; smallest deviation of drawn peaks, in limits."""
 FINEST_SHARE, MARGIN_WEIGHT = 1e-3, 0.02
@@ -29,7 +29,7 @@ FINEST_SHARE, MARGIN_WEIGHT = 1e-3, 0.02
 
 
 class Posterior(NamedTuple):
-    """Of deviates, flight by flight; they are standard normal before the first sample.
+    """Posterior of deviates, flight by flight; they are standard normal before the first sample.
 
     mean: (n, m).   root: (n, m, m), root root' is the covariance.
     """

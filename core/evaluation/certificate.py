@@ -30,7 +30,7 @@ USES = {
     "calibrate validity": "calibrated the validity of",
     "certify": "certified",
 }
-"""What each part of own flights did to the monitor."""
+"""Use of each part of own flights, in words."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class Certificate:
 
     @property
     def warnings(self) -> list[str]:
-        """What to know before relying on the monitor: problem, figures, remedy; may be empty."""
+        """Warnings to the user of the monitor: problem, figures, remedy; may be empty."""
         warnings = []
         if self.missed is not None and self.is_worse_than_promised:
             warnings.append(
@@ -192,7 +192,7 @@ def calibrated_on(evaluation: Mapping[str, Any] | None) -> str:
 
 
 def use_of(evaluation: Mapping[str, Any] | None, digest: str, sizes: Sequence[float] = ()) -> str:
-    """What a flown flight was used for in training; empty if it was not.
+    """Use of a flown flight in training; empty if it had none.
 
     digest: SHA-256 of its file.   sizes: of its samples, see `is_same_flight`.
     """

@@ -60,7 +60,7 @@ METHODS: dict[str, tuple[Predictor, Score]] = {
 }
 """Methods, as pairs of predictor and score."""
 COMPARED: dict[str, tuple[Predictor, Score] | Baseline] = METHODS | BASELINES
-"""What can be compared, the methods first."""
+"""Everything that can be compared, the methods first."""
 CEILING = "ceiling"
 """Name of the information limit: see core.evaluation.ceiling."""
 CEILING_FLIGHTS, CEILING_POOL, FLIGHTS_A_TASK = 1000, 5000, 25
@@ -435,7 +435,7 @@ class _CeilingTest:
         self._windows = np.array([score.window(h) for _, h, score in self._looks])
         fails = self._flights.fail_index
         latest = fails.max(where=self._flights.is_unsafe, initial=0)
-        self._last = np.minimum(fails, latest)  # no failure comes later
+        self._last = np.minimum(fails, latest)  # no failure is later
 
     def batches(self) -> Iterator[tuple[Array, Array, Indices, Indices]]:
         """Arguments of Ceiling.scores for a few flights each."""
@@ -483,7 +483,7 @@ def _first_at_or_below(scores: Array, flights: Rollouts, level: float) -> Indice
 
 
 def _first_alerts(monitor: Monitor, flights: Rollouts, level: float) -> Indices:
-    """As _first_at_or_below, computing only some of a monitor's scores."""
+    """Like _first_at_or_below, but computes only some of a monitor's scores."""
     first = np.full(len(flights.y), flights.y.shape[1])
     unsafe = np.flatnonzero(flights.is_unsafe)
     first[unsafe] = first_sample(
@@ -564,7 +564,7 @@ def _power_at(epsilon: float, lowest: Array, is_unsafe: Flags) -> float:
 
 
 def _level_at(epsilon: float, failing: Array) -> float:
-    """That threshold, from the lowest scores (n,) of the failing flights; alert at or below it."""
+    """Threshold at or below which to alert, from the lowest scores (n,) of failing flights."""
     if not len(failing):
         return -np.inf
     return float(np.sort(failing)[len(failing) - 1 - int(epsilon * len(failing) + 1e-9)])

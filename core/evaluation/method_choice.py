@@ -1,4 +1,4 @@
-"""Which method warns best for a test: by flights that chose nothing, beside a plain threshold."""
+"""The best method for a test: tried on flights that chose nothing, with a plain threshold."""
 
 from dataclasses import dataclass, replace
 from typing import Self

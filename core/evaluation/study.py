@@ -125,7 +125,7 @@ def study(
 ) -> StudyResult:
     """Train n_monitors monitors of every method and fly fresh test flights through each.
 
-    The rules of others learn from the same rollouts and judge the same flights.
+    Published rules learn from the same rollouts and judge the same flights.
 
     executor: see Tasks.   progress: called with (monitors done, total); an exception cancels.
     """
@@ -136,9 +136,9 @@ def study(
     calibrated, own = list[Evaluations](), list[Evaluations]()
     with Tasks(executor) as tasks:
         parts = tasks.results(_part, [(recipe, number, *each) for number, each in enumerate(seeds)])
-        for number, (unsafe_rate, evaluated, by_authors, kept) in enumerate(parts):
+        for number, (unsafe_rate, evaluated, by_authors, shown) in enumerate(parts):
             rates.append(unsafe_rate)
-            example = example or kept
+            example = example or shown
             calibrated.append(evaluated)
             own.append(by_authors)
             if progress:
@@ -183,5 +183,5 @@ def _part(recipe: StudyRecipe, number: int, seed: int, test_seed: int) -> Part:
         evaluated[name], own[name] = evaluate_baseline(
             baseline, dataset, flights, recipe.monitor, epsilons
         )
-    kept = None if number else (monitors[0], flights)
-    return dataset.unsafe_rate, evaluated, own, kept
+    example = None if number else (monitors[0], flights)
+    return dataset.unsafe_rate, evaluated, own, example

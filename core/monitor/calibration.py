@@ -9,7 +9,7 @@ import numpy.typing as npt
 from core.types import Array
 
 Guarantee = Literal["average", "95%"]
-"""What the miss rate promises: on average over calibration sets, or for this monitor with 95 %
+"""Promise on the miss rate: on average over calibration sets, or for this monitor with 95 %
 confidence over calibration sets."""
 CONFIDENCE = 0.95
 

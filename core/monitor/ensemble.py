@@ -1,6 +1,6 @@
 """The usual rule: nearest neighbours and a forecast of the peak to come, calibrated as one.
 
-Neighbours fail on aircraft beside the planned ones, peaks where the input is softer than in
+Neighbours fail on aircraft unlike the planned ones, peaks where the input is softer than in
 training; together they hold in both. Each part has its own p-value. The risk is the highest of
 them, calibrated as flown on failures that trained and calibrated no part.
 
@@ -82,7 +82,7 @@ class NeighborsAndPeak(PeakForecast):
 
     @property
     def peaks(self) -> list[tuple[RidgeForecast, Array]]:
-        """The parts that forecast a peak, with their alphas; that of the rest comes first."""
+        """The parts that forecast a peak, with their alphas; that of the rest is the first."""
         rest = self.peak, self.peak_alphas
         return [rest] if self.window is None else [rest, (self.window, self.window_alphas)]
 

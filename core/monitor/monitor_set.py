@@ -8,7 +8,7 @@ from core.conditions import CONDITIONS, Case, Cases
 
 
 class SetMember(Protocol):
-    """What a set needs to know of a monitor, or of a record of one."""
+    """The properties of a monitor, or of its record, that a set uses."""
 
     @property
     def dictionary(self) -> Any: ...

@@ -191,8 +191,8 @@ class Begin(NamedTuple):
 def _begin_of_input(y: Array, dictionary: Dictionary, limits: Envelope | None) -> Begin:
     """The control that the input moves first, and from where it counts as moved.
 
-    Flights are mirrored if nothing tells one side from the other: all channels are deviations from
-    trim, and limits are magnitudes.
+    Flights are mirrored if both sides are alike: all channels are deviations from trim, and limits
+    are magnitudes.
     """
     controls = dictionary.of_role("control")
     if not controls:
@@ -270,15 +270,11 @@ def log_odds(x: Array, fails: Array) -> tuple[Array, float]:
         logit = x @ weights + constant
         share = expit(logit)
         precision = np.maximum(share * (1 - share), LEAST_WEIGHT)
-        weights, constant, _ = ridge(x, logit + (fails - share) / precision, precision)
+        target = logit + (fails - share) / precision
+        weights, constant, _ = Regressors(x, precision).ridge(target)
         if np.abs(x @ weights + constant - logit).max() < SMALL_STEP:
             break
     return weights, constant
-
-
-def ridge(x: Array, target: Array, precision: Array) -> tuple[Array, float, Array]:
-    """See Regressors.ridge."""
-    return Regressors(x, precision).ridge(target)
 
 
 class Regressors:

@@ -44,7 +44,7 @@ LASTING = 16.0
 """Factor on the variance of a sample by the lag of its channel, because the lag is the same in all
 samples of a transient."""
 LATEST = 5.0
-"""No step comes earlier than planned by more than this many deviations of the timing."""
+"""No step is earlier than planned by more than this many deviations of the timing."""
 N_CASES = 5
 """Number of possible times of the pilot's next switch."""
 MOST_FLIGHTS = 200

@@ -47,7 +47,7 @@ class Facts(NamedTuple):
     calibrated: whether validity is calibrated.   caution: one is unacknowledged, samples are in
     doubt, or data were missing in an ended flight.   paused: no next sample is played: it waits for
     a person, or is at the end of its source.   unassessed: it has ended without one assessed
-    sample.   no_data: no sample came.
+    sample.   no_data: no sample has arrived.
     exceeded_t: first exceedance so far [s], even if the replay was moved back; None for none.
     exceeded_as_recorded: it is one of the value as recorded, not from trim.
     predicted: the newest forecast of the rest of the test card exceeds a limit.
@@ -161,7 +161,7 @@ ALARM_LEVELS: dict[AlarmKind, Level] = {
 def headline(facts: Facts) -> Headline:
     """The worst condition. A stale sample shows the past, so it never exceeds or alerts now.
 
-    An earlier exceedance comes before a pause.
+    An earlier exceedance has precedence over a pause.
     """
     fresh = not facts.stale
     exceeded = facts.exceeds or facts.exceeded_t is not None

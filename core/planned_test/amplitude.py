@@ -20,7 +20,7 @@ PILOT_ROLLOUTS, PILOT_STEPS = 400, 1_000_000
 """Rollouts at each amplitude, and the largest number of their steps; at least FEWEST rollouts."""
 FEWEST = 50
 NOT_FLOWN = {"groups": Pooled(), "n_unsafe": 2, "n_obs": 1, "max_rollouts": 1, "max_safe": 1}
-"""What of a recipe changes no flight."""
+"""Fields of a recipe that change no flight, with values for the search."""
 
 
 class AmplitudeError(ValueError):
@@ -61,14 +61,14 @@ def suggest_amplitude(
         )
     if not 0 < share < 1:
         raise AmplitudeError(f"share={share} was given: give a number between 0 and 1")
-    found = _found(replace(recipe, **NOT_FLOWN), share, most)
-    if isinstance(found, AmplitudeError):
-        raise AmplitudeError(*found.args)
-    return found
+    suggestion = _remembered(replace(recipe, **NOT_FLOWN), share, most)
+    if isinstance(suggestion, AmplitudeError):
+        raise AmplitudeError(*suggestion.args)
+    return suggestion
 
 
 @lru_cache(maxsize=256)
-def _found(recipe: ManeuverTest, share: float, most: int) -> Suggestion | AmplitudeError:
+def _remembered(recipe: ManeuverTest, share: float, most: int) -> Suggestion | AmplitudeError:
     """The same for monitors of one test with other leads or sizes."""
     try:
         return _bisected(recipe, share, most)

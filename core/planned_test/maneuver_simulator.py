@@ -67,7 +67,7 @@ class ManeuverSimulator(ABC):
     @property
     @abstractmethod
     def limits(self) -> Envelope:
-        """Of the channels of the dictionary."""
+        """Limits of the dictionary's channels."""
 
     @property
     @abstractmethod
@@ -224,7 +224,7 @@ class ManeuverSimulator(ABC):
     def _flown(
         self, theta: Array, planned: Planned, rng: np.random.Generator
     ) -> Callable[[slice], Drawn]:
-        """Draw the imperfections of these flights; returns what draws a block of them."""
+        """Draw the imperfections of these flights; returns a function that draws a block."""
         test, n, errors = self.test, len(theta), self.test.imperfections
         n_gusts = 0 if self.gust is None else self.n_gusts
         seeds = [] if errors.are_none else [seed_of(rng) for _ in range(1 + n_gusts)]

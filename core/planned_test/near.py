@@ -43,7 +43,7 @@ def softer(recipe: DatasetRecipe, lag_s: float) -> DatasetRecipe:
 
 
 def retuned(recipe: DatasetRecipe) -> DatasetRecipe:
-    """The test at the amplitude at which a quarter exceeds; as it is if there is none."""
+    """The test at the amplitude at which a quarter exceeds; unchanged if there is none."""
     try:
         amplitude_deg = suggest_amplitude(recipe, most=RETUNED_ON).amplitude_deg
     except AmplitudeError:
@@ -61,8 +61,8 @@ def fly_each(
 ) -> tuple[Rollouts, Indices]:
     """Fly each of these aircraft, theta (n_aircraft, n_parameters), n_flights times.
 
-    most, most_safe: failing and safe flights of each that are kept.   An aircraft that diverges is
-    left out.   Returns the flights, and (n,) the number of their aircraft.
+    most, most_safe: most failing and safe flights of each to return.   An aircraft that diverges
+    is left out.   Returns the flights, and (n,) the number of their aircraft.
     """
     shape = len(theta), n_flights
     flights, peaks = simulator.fly(np.repeat(theta, n_flights, axis=0), rng)

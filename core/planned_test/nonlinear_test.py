@@ -64,10 +64,10 @@ SIGHTS: dict[Axis, Sight] = {
     else Sight(SIX_DOF.index(key))
     for axis, key in CHANNEL_OF.items()
 }
-"""What a pilot sees of a nonlinear aircraft."""
+"""Motions of a nonlinear aircraft that a pilot sees."""
 F16_ACTUATOR = Actuator(20.2, rate_limit_deg_s=60.0, position_limit_deg=25.0)
-"""Of the F-16's elevator (Stevens, Lewis and Johnson, Aircraft Control and Simulation, 3rd ed.,
-appendix A), here of all surfaces."""
+"""The F-16's elevator actuator (Stevens, Lewis and Johnson, Aircraft Control and Simulation, 3rd
+ed., appendix A), used for all surfaces."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ USUAL_SIX_DOF_NOISE = SixDofNoise(
     delta_e=USUAL_NOISE.delta_a,
     qbar=30.0,
 )
-"""As for lateral tests; attitude, airspeed and dynamic pressure assumed."""
+"""Same as for lateral tests; attitude, airspeed and dynamic pressure are assumed."""
 
 
 USUAL_LIMITS: dict[type[Maneuver], LoadLimits] = {
@@ -266,7 +266,7 @@ class SixDofSimulator(ManeuverSimulator):
 
     @abstractmethod
     def _prepare(self) -> None:
-        """What `outputs` needs. ValueError."""
+        """Set what `outputs` uses. ValueError."""
 
     def _trim_values(self) -> dict[str, float]:
         """Outputs of the nominal aircraft in trim, by channel; from trim where they count so."""

@@ -1,4 +1,4 @@
-"""Simulators of others: an object, checked and judged by limits, as a planned test."""
+"""A user's own simulator as a planned test: an object, checked, and judged by limits."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -29,14 +29,14 @@ from core.types import Array, Flags, Indices
 
 @dataclass(frozen=True, eq=False)
 class OwnSimulator:
-    """Somebody's simulator: what it returns is checked, and judged by limits.
+    """A user's simulator: its flights are checked, and judged by limits.
 
     own: has dictionary or channels, parameters, dt and rollouts(n, rng) -> (y, fail_index, theta),
     see `Dataset.from_rollouts`; fail_index may be None. It may have fly(theta, rng), which returns
     the same, stopping(n, rng), see `Stops`, or one whose function returns y, and noise, which is
-    added here. This has `fly` and `stopping` only if it has.
+    added here. This class has `fly` and `stopping` only if `own` has them.
     name: for messages and provenance.   dictionary: its channels, and computed ones.
-    n_samples: of each flight; 0 if unknown as yet.   counts: of flights "asked" for and "flown".
+    n_samples: of each flight; 0 if not yet known.   counts: of flights "asked" for and "flown".
     """
 
     own: Any
@@ -132,7 +132,7 @@ class OwnSimulator:
                 )
 
     def reached(self, y: Array) -> str:
-        """What flights reached of the limited channels, as the beginning of a remedy.
+        """Largest values of the limited channels in flights, as the beginning of a remedy.
 
         y: (n, n_samples, n_measured).
         """
@@ -270,8 +270,8 @@ class OwnSimulator:
 class OwnTest:
     """A test that a user's simulator flies, and how much of it to simulate.
 
-    pilot: what its first flights reached, for errors; empty if unknown.   more, fewer: what makes
-    more, or fewer, flights fail.
+    pilot: values that its first flights reached, for errors; empty if unknown.   more, fewer: how
+    to make more, or fewer, flights fail.
     """
 
     flown_by: OwnSimulator
@@ -292,7 +292,7 @@ class OwnTest:
 
     @property
     def judged_by(self) -> Specification:
-        """What judges its flights."""
+        """Limits or label that decide which flights fail."""
         return self.flown_by.specification
 
     @property
@@ -307,7 +307,7 @@ class OwnTest:
         return self.flown_by
 
     def to_plain(self) -> dict[str, Any]:
-        """Its provenance; code is not part of it, but what a model says of itself is."""
+        """Its provenance, without code, but with a model's own description."""
         names, nominal, spread, distribution = self.flown_by.parameters
         each = zip(names, nominal.tolist(), spread.tolist(), strict=True)
         sizes = ("n_unsafe", "n_obs", "seed", "max_rollouts", "max_safe")

@@ -88,9 +88,9 @@ SIGHTS: dict[Axis, Sight] = {
     "sideslip": Sight(FEEDBACK.index("beta")),
     "heading": Sight(FEEDBACK.index("r"), is_rate=True),
 }
-"""What a pilot sees of a linear aircraft; its bank angle is the integral of p where it has none."""
+"""Motions of a linear aircraft that a pilot sees; without a bank angle, the integral of p."""
 USUAL_SOFTNESS_S = 0.5
-"""No two pilots move the pedals alike: with their lag of 0.1 s, 0.1 to 0.6 s."""
+"""Pilots move the pedals differently: with their lag of 0.1 s, 0.1 to 0.6 s."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ class ManeuverTest(ABC):
     """stability margins instead of limits: they label rollouts, and judge nothing in flight."""
 
     sights: ClassVar[Mapping[Axis, Sight]] = SIGHTS
-    """What a pilot sees of the aircraft."""
+    """motions of the aircraft that a pilot sees."""
     fewer: ClassVar[Mapping[str, Iterable[str]]] = {}
     """Parts of which it has not all members of their family, and those that it has; also choices
     of such a part, by part.choice."""
@@ -159,7 +159,7 @@ class ManeuverTest(ABC):
 
     @property
     def judged_by(self) -> Specification:
-        """What judges its flights."""
+        """Limits or label that decide which flights fail."""
         return self.pilot.label or self.margins.label or self._limits()
 
     @property
@@ -169,7 +169,7 @@ class ManeuverTest(ABC):
 
     @abstractmethod
     def _limits(self) -> Specification:
-        """What judges its flights unless pilot or margins do."""
+        """Limits of its flights, used unless the pilot or margins give a label."""
 
     @property
     def for_more(self) -> str:

@@ -155,7 +155,7 @@ def _lines(scoring: Scored, is_first: bool, of_day: bool) -> Iterator[str]:
 
 
 def _warnings(scoring: Scored) -> list[str]:
-    """Of the monitor; of a set, of each of its monitors at its own epsilon."""
+    """Warnings of the monitor; for a set, of each of its monitors at its own epsilon."""
     if not scoring.by_set:
         return list(warnings_of(scoring.monitor.evaluation, scoring.recording.epsilon))
     in_use = scoring.by_set.in_use

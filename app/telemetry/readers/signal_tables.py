@@ -188,9 +188,9 @@ def _names(places: list[Place], separator: str) -> list[str]:
 
 RATES = ("frequency", "sample_rate", "sampling_rate", "sampling_frequency")
 STARTS = ("supf_offset",)
-"""Of flight data recorders: time of the first sample in the superframe [s]."""
+"""Time of the first sample in the superframe of a flight data recorder [s]."""
 USUAL_HZ = (0.1, 5e4)
-"""A frequency outside this range is that of a radio."""
+"""A frequency outside this range belongs to a radio."""
 
 
 def declared_rate(attribute: Callable[[str], Any]) -> tuple[float, float]:

@@ -206,8 +206,7 @@ class InputShape:
         return WrongInput(sample, t, channel.key, p_value, words)
 
     def start(self) -> "RunningShape":
-        bounds_s, softest = self._bounds_s.tolist(), self._softest.tolist()
-        return RunningShape(self, self._untaken.tolist(), bounds_s, softest)
+        return RunningShape(self)
 
 
 def _all_but(some: int, n: int) -> str:
@@ -220,22 +219,14 @@ def _rank(n: int, m: int, level: float = HOLD_LEVEL) -> int:
 
 
 class RunningShape:
-    """Checks the input of one flight, sample by sample.
+    """Checks the input of one flight, sample by sample."""
 
-    untaken: per surface and side.   bounds_s: per surface, by number of the hold.   softest: per
-    surface.
-    """
-
-    def __init__(
-        self,
-        shape: InputShape,
-        untaken: list[list[bool]],
-        bounds_s: list[list[float]],
-        softest: list[float],
-    ) -> None:
-        k = len(untaken)
-        self._shape, self._untaken, self._bounds_s = shape, untaken, bounds_s
-        self._softest = softest
+    def __init__(self, shape: InputShape) -> None:
+        k = len(shape.surfaces)
+        self._shape = shape
+        self._untaken: list[list[bool]] = shape._untaken.tolist()
+        self._bounds_s: list[list[float]] = shape._bounds_s.tolist()
+        self._softest: list[float] = shape._softest.tolist()
         self._surfaces = list(
             zip(range(k), shape.surfaces.tolist(), shape.begun.tolist(), strict=True)
         )

@@ -21,10 +21,10 @@ from core.monitor.peak_ridge import (
     LEAST_WEIGHT,
     PENALTIES,
     LearnedFlights,
+    Regressors,
     RidgeForecast,
     fit_windows,
     log_odds,
-    ridge,
 )
 from core.monitor.predictor import PREDICTORS, PeakRidge
 from core.monitor.score import SCORES
@@ -117,7 +117,7 @@ def test_the_weights_are_least_squares_with_a_row_for_each_penalty():
 
     best = min(PENALTIES, key=lambda penalty: np.square(off(penalty)).sum())
     assert PENALTIES[0] < best < PENALTIES[-1]
-    weights, constant, residual = ridge(x, target, np.ones(40))
+    weights, constant, residual = Regressors(x, np.ones(40)).ridge(target)
     solution = solve(best, np.arange(40))
     assert weights == pytest.approx(solution[:7] / deviation)
     assert constant == pytest.approx(solution[7] - mean @ weights)

@@ -50,7 +50,7 @@ def test_the_amplitude_is_proportional_to_the_limit_of_a_linear_aircraft():
 def test_the_same_seed_suggests_the_same_amplitude_and_the_sign_stays():
     mirrored = replace(RECIPE, maneuver=RECIPE.maneuver.with_peak(-3.0))
     suggested = suggest_amplitude(RECIPE)
-    amplitude._found.cache_clear()
+    amplitude._remembered.cache_clear()
     assert suggest_amplitude(RECIPE) == suggested
     assert suggest_amplitude(mirrored) == replace(suggested, amplitude_deg=-suggested.amplitude_deg)
 
