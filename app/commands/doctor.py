@@ -162,11 +162,11 @@ def contents(settings: Settings) -> str:
         more = f"; and {len(damaged) - MOST_NAMED} more" if damaged[MOST_NAMED:] else ""
         raise Failed("; ".join(damaged[:MOST_NAMED]) + more)
     kinds = ("monitor", "dataset", "recording", "scoring", "flight")
-    found = ", ".join(counted(numbers[kind], kind) for kind in kinds)
+    counts = ", ".join(counted(numbers[kind], kind) for kind in kinds)
     if unverified:
         n = counted(len(unverified), "flight")
-        return f"{found}; no damage found, but {n} not verified: no digest recorded"
-    return f"{found}, undamaged"
+        return f"{counts}; no damage found, but {n} not verified: no digest recorded"
+    return f"{counts}, undamaged"
 
 
 def port(settings: Settings) -> str:

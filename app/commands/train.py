@@ -178,10 +178,10 @@ def run_on_simulator(options: argparse.Namespace) -> int:
             training = train_and_test(
                 dataset, recipe, n_test, show, executor, test=test, choose=choose
             )
-    found = (*doubts_of(flights), *beyond_plausible(dataset.dictionary, flights.y))
+    findings = (*doubts_of(flights), *beyond_plausible(dataset.dictionary, flights.y))
     if redrawn := getattr(test.flown_by.own, "redrawn", ""):
-        found = (*found, redrawn)
-    return _finish(options, training, dataset, found)
+        findings = (*findings, redrawn)
+    return _finish(options, training, dataset, findings)
 
 
 def recipe_of(options: argparse.Namespace) -> TrainingRecipe:

@@ -188,7 +188,7 @@ def planned_test(members: Sequence[Monitor], lead: float) -> ManeuverTest:
 def study_request(plain: dict[str, Any], store: Store, max_bytes: int) -> StudyRecipe:
     """Read the body of a request for the study; a stored dataset gives its recipe."""
     plain = dict(plain)
-    requested = _requested_dataset(plain, store, max_bytes, unsaid="none")
+    requested = _requested_dataset(plain, store, max_bytes, default="none")
     dataset = _test_of(requested, store)
     recipe: StudyRecipe = _recipe(StudyRecipe(), plain, "study")
     _check_most(recipe, "study", n_monitors=LARGEST_N_MONITORS, n_test=LARGEST_N_TEST)
@@ -280,9 +280,9 @@ def check_size(recipe: ManeuverTest, max_bytes: int) -> None:
         )
 
 
-def _dataset_recipe(plain: Any, max_bytes: int, unsaid: Imperfect = "usual") -> ManeuverTest:
+def _dataset_recipe(plain: Any, max_bytes: int, default: Imperfect = "usual") -> ManeuverTest:
     with _refusing():
-        recipe, _ = dataset_recipe(as_ordered(plain, unsaid))
+        recipe, _ = dataset_recipe(as_ordered(plain, default))
     check_size(recipe, max_bytes)
     with _refusing():
         recipe.maneuver.n_samples(recipe.dt)
@@ -318,14 +318,14 @@ def _check_most(recipe: Any, where: str, **most: int) -> None:
 
 
 def _requested_dataset(
-    plain: dict[str, Any], store: Store, max_bytes: int, unsaid: Imperfect = "usual"
+    plain: dict[str, Any], store: Store, max_bytes: int, default: Imperfect = "usual"
 ) -> Requested:
     given = plain.pop("dataset", None)
     if isinstance(given, str):
         store.datasets.info(given)
         return given
     if isinstance(given, dict):
-        return _dataset_recipe(given, max_bytes, unsaid)
+        return _dataset_recipe(given, max_bytes, default)
     raise RecipeError(
         f"dataset is {given!r}: give the id of a stored dataset, or its recipe, an object"
     )

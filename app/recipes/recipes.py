@@ -227,21 +227,21 @@ def dataset_recipe(plain: Any, where: str = "dataset") -> tuple[ManeuverTest, Su
     return replace(read, maneuver=read.maneuver.with_peak(suggestion.amplitude_deg)), suggestion
 
 
-def as_ordered(plain: Any, unsaid: Imperfect = "usual", asked: Imperfect | None = None) -> Any:
+def as_ordered(plain: Any, default: Imperfect = "usual", requested: Imperfect | None = None) -> Any:
     """A requested dataset recipe, completed with noise, jitter and imperfections, and, if these are
     as usual in flight, with the usual number of failures.
 
-    asked: how to complete it; its `imperfections` may be this word too.   unsaid: how to complete
-    it if neither is given. A complete recipe of a version without imperfections means none.
+    requested: how to complete it; its `imperfections` may be this word too.   default: how to
+    complete it if neither is given. A complete recipe of a version without imperfections means none.
     """
     plain = stored_names(plain)
     if isinstance(plain, dict) and plain.get("imperfections") in get_args(Imperfect):
-        asked = plain["imperfections"]
+        requested = plain["imperfections"]
         plain = {key: value for key, value in plain.items() if key != "imperfections"}
     is_whole = isinstance(plain, dict) and plain.keys() >= BEFORE_IMPERFECTIONS
-    if unsaid == "usual" and isinstance(plain, dict):
+    if default == "usual" and isinstance(plain, dict):
         plain = {"n_unsafe": USUAL_DATASET.n_unsafe} | plain
-    if (asked or ("none" if is_whole else unsaid)) == "none":
+    if (requested or ("none" if is_whole else default)) == "none":
         return plain
     return overlay(deepcopy(as_flown(model_of(plain))), plain)
 

@@ -371,8 +371,8 @@ def score_archive(
             f"{out} also holds the results of {', '.join(sorted(left_out))}, which was not given: "
             "give all its monitors, or another --out"
         )
-    for gone in stored - present:
-        out.delete(gone)
+    for name in stored - present:
+        out.delete(name)
     copies = _copies(files)
     results: list[dict[str, Any]] = [
         {"flight": flight, "copy_of": first} for flight, first in copies.items()
@@ -386,8 +386,8 @@ def score_archive(
     about = scorer.about()
     out.write("summary.parquet", _table(rows, SUMMARY, about))
     out.write("files.parquet", _table(results, FILES, about))
-    for gone in out.names(SAMPLES, ".parquet") - {row["samples"] for row in rows}:
-        out.delete(gone)
+    for name in out.names(SAMPLES, ".parquet") - {row["samples"] for row in rows}:
+        out.delete(name)
     failed = {each["flight"]: each["error"] for each in results if "error" in each}
     unchanged = sum(bool(each.get("is_unchanged")) for each in results)
     n_scored = len(results) - len(failed) - len(copies) - unchanged

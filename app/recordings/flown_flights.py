@@ -60,21 +60,21 @@ class RolloutSources:
         if self.flown is None:
             return self.read, self.read.findings
         dictionary, *_ = extended(self.read.dictionary, self.channels, self.limits)
-        read, found = _joined(self, dictionary, self.flown)
-        return read, (*self.read.findings, *self.findings, *found)
+        read, findings = _joined(self, dictionary, self.flown)
+        return read, (*self.read.findings, *self.findings, *findings)
 
     def to_dataset(self) -> tuple[Dataset, list[str]]:
         """The rollouts checked and labelled, and all findings. ValueError."""
-        read, found = self.joined()
+        read, findings = self.joined()
         if self.dataset is not None:
-            return _added(self.dataset, read, found)
+            return _added(self.dataset, read, findings)
         channels = () if self.flown else self.channels  # which `joined` has added
         dictionary, limits, requirements = specified(read, channels, self.limits)
         if requirements:
             flights = _labelled(read, dictionary, requirements)
         else:
             flights = _checked(read, dictionary, limits)
-        return Dataset.from_flights(flights), [*found, *flights.findings]
+        return Dataset.from_flights(flights), [*findings, *flights.findings]
 
     @classmethod
     def beside(cls, dataset: Dataset, flown: Flown) -> "RolloutSources":
@@ -91,7 +91,7 @@ def no_rollouts(dictionary: Dictionary, dt: float | None) -> RolloutFile:
     return RolloutFile(none, dt or DatasetRecipe().dt, dictionary)
 
 
-def _added(base: Dataset, read: RolloutFile, found: Sequence[str]) -> tuple[Dataset, list[str]]:
+def _added(base: Dataset, read: RolloutFile, findings: Sequence[str]) -> tuple[Dataset, list[str]]:
     """The dataset with flown flights, which come last and are labelled by its limits."""
     n, specification = len(base.unsafe) + len(base.safe), base.specification
     limits = None if isinstance(specification, str) else specification
@@ -106,7 +106,7 @@ def _added(base: Dataset, read: RolloutFile, found: Sequence[str]) -> tuple[Data
         specification=specification,
         n_safe_met=len(made.safe) + base.n_safe_met - len(base.safe),
     )
-    return made, [*found, *disagreements, *flights.findings]
+    return made, [*findings, *disagreements, *flights.findings]
 
 
 def _labelled(

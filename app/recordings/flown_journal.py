@@ -55,15 +55,15 @@ class FlownJournal:
         return replace(self.mapping, channels=channels, times={group.name: times[0]})
 
 
-def journal_damage(info: FlightInfo, found: str | None) -> str:
+def journal_damage(info: FlightInfo, digest: str | None) -> str:
     """Damage to the journal of a live flight; empty if none is known.
 
-    found: SHA-256 of its journal; None if there is none.
+    digest: SHA-256 of its journal; None if there is none.
     """
-    if found is None:
+    if digest is None:
         has_failed_at_its_start = info.status == "failed" and info.head is None
         return "" if has_failed_at_its_start else "its journal is missing"
-    is_altered = info.journal_digest not in (None, found)
+    is_altered = info.journal_digest not in (None, digest)
     return "its journal was altered (its digest does not match)" if is_altered else ""
 
 

@@ -56,15 +56,15 @@ def remote_files(url: str) -> list[RemoteFile]:
     system, root = opened(url)
     system.invalidate_cache()
     root = root.rstrip("/")
-    found = []
+    files = []
     with reporting(f"{url} cannot be listed"):
         listed = system.find(root, detail=True)
     for path, about in listed.items():
         name = path.removeprefix(root).lstrip("/")
         if name and not any(part.startswith(".") for part in name.split("/")):
             size = int(about.get("size") or 0)
-            found.append(RemoteFile(system.unstrip_protocol(path), name, size, stamp_of(about)))
-    return sorted(found, key=lambda file: file.name)
+            files.append(RemoteFile(system.unstrip_protocol(path), name, size, stamp_of(about)))
+    return sorted(files, key=lambda file: file.name)
 
 
 @contextmanager
@@ -177,8 +177,8 @@ class LocalFolder(ResultFolder):
         (self.path / name).unlink(missing_ok=True)
 
     def names(self, below: str, ending: str) -> set[str]:
-        found = (self.path / below).rglob(f"*{ending}")
-        return {path.relative_to(self.path).as_posix() for path in found}
+        paths = (self.path / below).rglob(f"*{ending}")
+        return {path.relative_to(self.path).as_posix() for path in paths}
 
     def stamp(self, name: str) -> str:
         about = (self.path / name).stat()
@@ -229,14 +229,14 @@ class RemoteFolder(ResultFolder):
     def names(self, below: str, ending: str) -> set[str]:
         def find(system: Any, path: str) -> set[str]:
             system.invalidate_cache()
-            found = (PurePosixPath(file).relative_to(path) for file in system.find(path))
-            return {f"{below}/{file}" for file in found if not file.name.startswith(".")}
+            names = (PurePosixPath(file).relative_to(path) for file in system.find(path))
+            return {f"{below}/{file}" for file in names if not file.name.startswith(".")}
 
         try:
-            found = self._ask("listed", below, find)
+            names = self._ask("listed", below, find)
         except FileNotFoundError:
             return set()
-        return {name for name in found if name.endswith(ending)}
+        return {name for name in names if name.endswith(ending)}
 
     def stamp(self, name: str) -> str:
         def stamp(system: Any, path: str) -> str:

@@ -120,12 +120,12 @@ class ScoredRecordings:
         recipe = replace(recipe, epsilon=monitor.check_epsilon(recipe.epsilon))
         plain = self.store.recordings.mapped_columns(recording_id).mapping
         digest_of_file = self.store.recordings.info(recording_id).digest
-        asked = recipe.to_plain() | ({} if by_set is None else {"monitor_set": by_set.to_plain()})
+        request = recipe.to_plain() | ({} if by_set is None else {"monitor_set": by_set.to_plain()})
         calls = self._calls(recording_id)
-        asked |= {"calls": calls} if calls else {}
-        inputs = [digest_of_file, plain, info.id, info.digest, asked, __version__]
-        request = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
-        if stored := self.store.scorings.find(recording_id, request):
+        request |= {"calls": calls} if calls else {}
+        inputs = [digest_of_file, plain, info.id, info.digest, request, __version__]
+        inputs_digest = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
+        if stored := self.store.scorings.find(recording_id, inputs_digest):
             self.samples(stored)
             return stored, False
         mapping = Mapping.from_plain(plain)
@@ -145,8 +145,8 @@ class ScoredRecordings:
                 monitor_name=info.name,
                 monitor_digest=info.digest,
                 specification=info.specification,
-                request_digest=request,
-                request=asked,
+                request_digest=inputs_digest,
+                request=request,
                 digest=hashed.result(),
                 **scoring_fields(scored, monitor, plain),
             )

@@ -180,7 +180,7 @@ def _largest_input(recording: Recording, dt: float) -> Input | None:
         _input(recording.t, surfaces, trim[SURFACES,], sizes, onset, stop, dt)
         for onset, stop, trim in CausalTrim(unknown, sizes=sizes).follow(recording.y)
     ]
-    return max(inputs, key=lambda found: abs(found.peak_deg), default=None)
+    return max(inputs, key=lambda each: abs(each.peak_deg), default=None)
 
 
 def _input(
@@ -204,14 +204,14 @@ def _input(
     return Input(surface, start, end, deviation[:, main], float(largest[1 - main]))
 
 
-def _maneuver(found: Input, dt: float) -> tuple[dict[str, Any] | None, str]:
+def _maneuver(recorded: Input, dt: float) -> tuple[dict[str, Any] | None, str]:
     """The card most like an input, as plain data; None where none is. And why."""
-    seen = f"The {found.surface} moves by up to {found.peak_deg:.3g} deg"
-    at = f"from {found.start:.4g} to {found.end:.4g} s"
-    match = best_card(found, dt)
+    motion = f"The {recorded.surface} moves by up to {recorded.peak_deg:.3g} deg"
+    at = f"from {recorded.start:.4g} to {recorded.end:.4g} s"
+    match = best_card(recorded, dt)
     if match.share < GOOD_FIT:
-        return None, f"{seen} {at}, unlike any card: choose the manoeuvre, or give a table."
-    last = sum(s for s in match.card.segments_s if np.isfinite(s)) or found.end - found.start
+        return None, f"{motion} {at}, unlike any card: choose the manoeuvre, or give a table."
+    last = sum(s for s in match.card.segments_s if np.isfinite(s)) or recorded.end - recorded.start
     length = match.card.lead_in_s + last + REST_S
     kind: str = to_plain(match.card)["kind"]
     usual = MANEUVERS[kind]
@@ -222,29 +222,29 @@ def _maneuver(found: Input, dt: float) -> tuple[dict[str, Any] | None, str]:
     } | {"duration_s": round(ceil(length / dt - 1e-6) * dt, 6)}
     label = kind_label(kind)
     words = (
-        f"{seen} {at}. Most like it: {label}, {match.card.peak_deg:.3g} deg, which explains "
+        f"{motion} {at}. Most like it: {label}, {match.card.peak_deg:.3g} deg, which explains "
         f"{100.0 * match.share:.0f} % of the motion. Check it against the test card."
     )
     return plain, words
 
 
-def best_card(found: Input, dt: float) -> Match:
+def best_card(recorded: Input, dt: float) -> Match:
     """The card that explains most of an input; the simpler one of two that explain as much."""
-    best = Match(Step(surface=found.surface), -np.inf)
+    best = Match(Step(surface=recorded.surface), -np.inf)
     for card in CARDS:
-        match = max(_matches(card, found, dt), key=lambda match: match.share)
+        match = max(_matches(card, recorded, dt), key=lambda match: match.share)
         if match.share > best.share + BETTER:
             best = match
     return best
 
 
-def _matches(card: Card, found: Input, dt: float) -> Iterator[Match]:
-    u = found.deviation
+def _matches(card: Card, recorded: Input, dt: float) -> Iterator[Match]:
+    u = recorded.deviation
     moved = float(u @ u) or 1.0
     rise = np.linspace(0.0, RISE_S, 5)
     times = dt * np.arange(len(u)) - rise[:, np.newaxis]
     for unit in UNITS_S:
-        steps = card(found.surface, round(float(unit), 2))
+        steps = card(recorded.surface, round(float(unit), 2))
         segments = np.tile(steps.segments_s, (len(rise), 1))
         shape = steps.shape(times, segments).mean(axis=0)
         size = float(shape @ shape)
@@ -263,14 +263,14 @@ def _limits(
     recording_id: str,
     mapping: Mapping,
     monitor: Monitor | None,
-    found: Input | None,
+    recorded: Input | None,
 ) -> tuple[dict[str, float | None] | None, str]:
     """Magnitude of each channel, null without a limit; None where not known. And whose they are."""
     magnitudes, source = None, "those in force during the recorded flight"
     with recordings.present(recording_id):
         history = LimitsHistory.of(recordings.columns(recording_id), mapping)
-    if history is not None and found is not None:
-        magnitudes = history.timeline([None]).at(np.array([found.start])).high[0]
+    if history is not None and recorded is not None:
+        magnitudes = history.timeline([None]).at(np.array([recorded.start])).high[0]
     if (magnitudes is None or np.isinf(magnitudes).all()) and monitor is not None:
         magnitudes, source = magnitudes_of(monitor.specification), "those of the monitor"
     if magnitudes is None or np.isinf(magnitudes).all():

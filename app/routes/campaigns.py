@@ -197,7 +197,7 @@ def read_derivatives(campaign_id: str, campaigns: CampaignsDep) -> list[dict[str
     point determined it. `figure` shows them as SVG.
     """
     _, campaign = campaigns.get(campaign_id)
-    found = {each.name: history(campaign, each.name) for each in campaign.conditions}
+    histories = {each.name: history(campaign, each.name) for each in campaign.conditions}
     return json_response(
         [
             {
@@ -205,7 +205,7 @@ def read_derivatives(campaign_id: str, campaigns: CampaignsDep) -> list[dict[str
                 "after": [identification_plain(each) for each in after],
                 "figure": styled(derivatives_plot(after)),
             }
-            for condition, after in found.items()
+            for condition, after in histories.items()
             if after
         ]
     )

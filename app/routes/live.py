@@ -174,9 +174,9 @@ async def score_live(
     The journal holds each batch with its time of arrival. The flight's own monitor gives the same
     bits as in flight; another monitor gives what it would have shown. The result is not stored.
     """
-    asked = flight_id, request or LiveScoreRequest(), first, last
+    arguments = flight_id, request or LiveScoreRequest(), first, last
     with refused(422, "source", ValueError):
-        return json_response(await recordings.workers.run(_answer, flights, *asked))
+        return json_response(await recordings.workers.run(_answer, flights, *arguments))
 
 
 def _answer(

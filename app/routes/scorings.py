@@ -337,8 +337,8 @@ def compare_scorings(
     infos = [find(recording_id, each) for each in (scoring_id, scoring)]
     samples = [scored.samples(info) for info in infos]
     first, second = (Assessed(*(each[name] for name in ASSESSED)) for each in samples)
-    found = differences_of(difference(first, second)).model_dump()
-    return ScoringComparison(n_first=first.n_assessed, n_second=second.n_assessed, **found)
+    differences = differences_of(difference(first, second)).model_dump()
+    return ScoringComparison(n_first=first.n_assessed, n_second=second.n_assessed, **differences)
 
 
 SENT_BYTES = 2**20

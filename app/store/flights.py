@@ -382,8 +382,8 @@ class FlightRepository(Entries[FlightInfo]):
     def sources(self, flight_ids: Iterable[str]) -> dict[str, dict[str, Any]]:
         """Sources of flights by id; flights that do not exist are absent."""
         query = select(flights.c.id.label("flight_id"), flights.c.source)
-        found = self._by_flight(query, flight_ids)
-        return {flight_id: row["source"] for flight_id, (row,) in found.items()}
+        rows = self._by_flight(query, flight_ids)
+        return {flight_id: row["source"] for flight_id, (row,) in rows.items()}
 
     def last_state(self, flight_id: str) -> NewestState | None:
         """Of the newest stored sample, DAMAGED where it is; None if none."""

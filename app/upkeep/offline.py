@@ -72,8 +72,8 @@ def install(into: Path, data: Path | None, extras: str, wheels: Path | None = No
         wanted = f"forewarn[{extras}]=={version}" if extras else f"forewarn=={version}"
         offline = ["--no-index", "--find-links", str(wheels), "--disable-pip-version-check"]
         _run(_python(place), "-I", "-m", "pip", "install", "--quiet", *offline, wanted)
-        kept = None if data is None else _keep(data, before)
-        if kept is not None and (before / DATABASE).exists():
+        folders = None if data is None else _keep(data, before)
+        if folders is not None and (before / DATABASE).exists():
             _try_migrations(place, before / DATABASE)
     except BaseException as error:
         shutil.rmtree(place, ignore_errors=True)
@@ -84,7 +84,7 @@ def install(into: Path, data: Path | None, extras: str, wheels: Path | None = No
                 f"{version} was not installed, nothing changed: {reason[-1]}"
             ) from None
         raise
-    entry = {"version": version, "data": data and str(data), "kept": kept}
+    entry = {"version": version, "data": data and str(data), "kept": folders}
     _write(into / "history.json", json.dumps([*history, entry], indent=1))
     _start_with(into, place)
     return f"{version} is installed; start it by {_launcher(into)}"
@@ -168,12 +168,12 @@ def _check_stopped(data: Path | None) -> None:
 
 
 def _version(wheels: Path) -> str:
-    found = sorted(wheels.glob("forewarn-*.whl"))
-    if len(found) != 1:
+    candidates = sorted(wheels.glob("forewarn-*.whl"))
+    if len(candidates) != 1:
         raise InstallError(
-            f"{wheels} holds {len(found)} wheels of forewarn: give a folder with one"
+            f"{wheels} holds {len(candidates)} wheels of forewarn: give a folder with one"
         )
-    return found[0].name.split("-")[1]
+    return candidates[0].name.split("-")[1]
 
 
 def _history(into: Path) -> list[dict[str, Any]]:

@@ -521,7 +521,7 @@ def _counted(
 ) -> Cell:
     """Count misses, false alerts and prevented failures."""
     fails, is_unsafe, n_samples = flights.fail_index, flights.is_unsafe, flights.y.shape[1]
-    alike = _level_of_false_alarms(scores.lowest[~is_unsafe])
+    equal_level = _level_of_false_alarms(scores.lowest[~is_unsafe])
     prevented, prevented_alike = (
         prevention(
             scores.first(level),
@@ -532,7 +532,7 @@ def _counted(
             stream(test.seed, Branch.REACTION),
             recipe.reactions_s,
         ).prevented
-        for level in (scores.level, alike)
+        for level in (scores.level, equal_level)
     )
     return Cell(
         epsilon=recipe.epsilon,

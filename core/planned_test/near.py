@@ -97,14 +97,14 @@ def near_failures(
     progress: called with (populations done, total); an exception cancels.
     """
     populations = list(_populations(recipe))
-    found = []
+    failures = []
     for number, (simulator, draw) in enumerate(populations):
         if progress:
             progress(number, len(populations))
         rng = stream(recipe.seed, Branch.NEAR, number + 1)
         if (failing := _one_failure_each(simulator, draw, n, rng)) is not None:
-            found.append(failing)
-    return found
+            failures.append(failing)
+    return failures
 
 
 def _populations(recipe: DatasetRecipe) -> Iterator[tuple[LateralSimulator, Draw]]:

@@ -43,7 +43,7 @@ def load(name: str, point: Path | None = None) -> OwnSimulator:
 
 
 def _imported(name: str) -> Any:
-    """Import an object, also from a module in the current folder."""
+    """What a module holds, also one in the current folder."""
     module_name, _, attribute = name.partition(":")
     if not (module_name and attribute) or module_name.endswith(".py"):
         raise RecipeError(

@@ -184,10 +184,10 @@ def plain_recipe(options: argparse.Namespace) -> dict[str, Any]:
     plain = read_plain(options.recipe) if options.recipe else {}
     if not isinstance(plain, dict):
         raise RecipeError(f"{options.recipe} is not a JSON object: begin it with {{")
-    unsaid: Imperfect = options.usual_imperfections
+    default: Imperfect = options.usual_imperfections
     if options.aircraft in SIX_DOF_AIRCRAFT:
         set_path(plain, "dataset.aircraft.kind", options.aircraft)
-    plain["dataset"] = as_ordered(plain.get("dataset", {}), unsaid, options.imperfections)
+    plain["dataset"] = as_ordered(plain.get("dataset", {}), default, options.imperfections)
     for path, value in vars(options).items():
         if "." in path and value is not None:
             set_path(plain, path.removeprefix("."), value)
@@ -226,7 +226,7 @@ def plain_recipe(options: argparse.Namespace) -> dict[str, Any]:
             raise RecipeError(f"--set {assignment!r}: write it as PATH=VALUE")
         stored = path.replace(f"dataset.{LIMITS}", f"dataset.{STORED_LIMITS}", 1)
         set_path(plain, stored, _value(value))
-    if unsaid == "usual":
+    if default == "usual":
         plain["monitor"] = monitor_as_ordered(plain.get("monitor", {}))
     if isinstance(plain.get("dataset"), dict):
         plain["dataset"] = matrices_renamed(plain["dataset"], "recipe.dataset")

@@ -374,15 +374,15 @@ def decode_discrete(packet: Packet, recording: PacketReader) -> None:
 
 
 def decode_analog(packet: Packet, recording: PacketReader) -> None:
-    """Decode packets whose channels are sampled alike."""
+    """Decode packets whose channels are sampled uniformly."""
     from chapter10.analog import AnalogF1
 
     opened = packet.opened(AnalogF1)
     samplings = {(s["length"], s["mode"], s["factor"]) for s in opened.subchannels}
     n_bits, mode, factor = next(iter(samplings))
     width = (opened.subchannel_count or 256) if opened.same else len(opened.subchannels)
-    alike = len(samplings) == 1 and not factor
-    counts = _counts(opened.data.bytes, n_bits, mode) if alike else None
+    is_uniform = len(samplings) == 1 and not factor
+    counts = _counts(opened.data.bytes, n_bits, mode) if is_uniform else None
     if counts is None:
         recording.not_decoded["analog packets with differently sampled channels"] += 1
         return

@@ -92,11 +92,11 @@ def _messages(path: Path, ignored: dict[str, None]) -> Iterator[tuple[str, int, 
         for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
             if channel.id not in decoders:
                 encoding = channel.message_encoding
-                found = (factory.decoder_for(encoding, schema) for factory in factories)
+                possible = (factory.decoder_for(encoding, schema) for factory in factories)
                 decoders[channel.id] = (
                     msgspec.json.decode
                     if encoding == "json"
-                    else next((decoder for decoder in found if decoder), None)
+                    else next((decoder for decoder in possible if decoder), None)
                 )
             decode = decoders[channel.id]
             if decode is None:

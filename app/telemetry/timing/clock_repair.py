@@ -202,8 +202,8 @@ def repair_clock(recorded: Array, values: dict[str, Array], clock: OrderedClock)
         "reordered": (clock.late, clock.late),
     }
     duration = float(t[-1] - t[0])
-    found = [faults(kind, *interval, duration) for kind, interval in marks.items()]
-    return RepairedClock(t, chosen, quality, tuple(chain(*found)))
+    by_kind = [faults(kind, *interval, duration) for kind, interval in marks.items()]
+    return RepairedClock(t, chosen, quality, tuple(chain(*by_kind)))
 
 
 def _check_usable(t: Array, n_rows: int, channels: str) -> None:
