@@ -232,7 +232,7 @@ def as_ordered(plain: Any, default: Imperfect = "usual", requested: Imperfect | 
     as usual in flight, with the usual number of failures.
 
     requested: how to complete it; its `imperfections` may be this word too.   default: how to
-    complete it if neither is given. A complete recipe of a version without imperfections means none.
+    complete it if neither is given. A complete recipe of a version without imperfections has none.
     """
     plain = stored_names(plain)
     if isinstance(plain, dict) and plain.get("imperfections") in get_args(Imperfect):

@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 
 from app.telemetry.contents import ColumnWriter, Contents
-from app.telemetry.readers.hdf5_objects import (
+from app.telemetry.readers.hdf5 import (
     Keys,
     arrays,
     attribute,

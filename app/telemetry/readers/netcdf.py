@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from app.telemetry.contents import ColumnWriter, Contents
-from app.telemetry.readers.hdf5_objects import Unpack, arrays, attribute, datasets, opened, text
+from app.telemetry.readers.hdf5 import Unpack, arrays, attribute, datasets, opened, text
 from app.telemetry.readers.matrices import Matrix, matrix, to_tables
 from app.telemetry.readers.signal_tables import (
     Column,
