@@ -58,6 +58,7 @@ from app.routes.guide import guide_router
 from app.routes.scene import scene_router
 from app.scene.scene import Scenes
 from app.settings import Settings
+from app.store.schema import forget_copies
 from app.store.store import StoreHealth, open_store
 from app.telemetry.journal import Journals
 from app.upkeep.integrity import Integrity
@@ -281,7 +282,7 @@ async def _parts(app: FastAPI) -> AsyncIterator[None]:
         metrics.gauge("jobs_waiting", "waiting jobs", lambda: work.n_waiting)
         demonstrator = app.state.demonstration = Demonstration(app)
         parts.callback(demonstrator.stop)
-        await asyncio.to_thread(store.forget_copies)
+        await asyncio.to_thread(forget_copies, store.engine.url)
         yield
 
 

@@ -67,7 +67,7 @@ class Changes:
 
 
 def events_of(data: str, responses: dict[int | str, dict[str, Any]]) -> dict[int | str, Any]:
-    """Documentation of a route of events. data: what the data of each is."""
+    """Documentation of a route of events. data: description of the data of each event."""
     properties = {
         "data": {"type": "string", "contentMediaType": "application/json"},
         "id": {"type": "string", "description": "`end` for the last event"},

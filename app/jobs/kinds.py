@@ -49,7 +49,7 @@ def simulate_dataset(task: Task, name: str, recipe: ManeuverTest, store: Store) 
 
 
 def add_rollouts(task: Task, sent: SentRollouts, recordings: Recordings, most: int) -> Result:
-    """Read, check and store rollouts; the result has the dataset's id and what was found.
+    """Read, check and store rollouts; the result has the dataset's id and the findings.
 
     most: size of their array [bytes].
     """

@@ -60,7 +60,7 @@ LARGEST_ADVISED = 0.3
 """Largest epsilon that is named where there are too few failures for the requested one."""
 SHARES = (0.5, 0.15, 0.15, 0.2)
 PARTS = tuple(USES)
-"""Shares of own flights, and what each part does."""
+"""Shares of own flights, by use."""
 
 
 def calibrating(n_unsafe: int) -> int:
@@ -491,7 +491,7 @@ def _by_origin(monitor: Monitor, flights: LabelledFlights) -> dict[str, Evaluati
 
 
 def _used(parts: dict[str, LabelledFlights]) -> list[dict[str, Any]]:
-    """The flown flights and what each was used for, with its numbers of manoeuvres."""
+    """The flown flights with the use of each and its numbers of manoeuvres."""
     used: dict[str, dict[str, Any]] = {}
     for part, flights in parts.items():
         for each, fails in zip(flights.flown, flights.fails.tolist(), strict=True):

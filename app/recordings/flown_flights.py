@@ -112,7 +112,7 @@ def _added(base: Dataset, read: RolloutFile, findings: Sequence[str]) -> tuple[D
 def _labelled(
     read: RolloutFile, dictionary: Dictionary, requirements: Sequence[Requirement]
 ) -> LabelledFlights:
-    """Flights that fail where a requirement is violated, whatever follows."""
+    """Flights that fail where a requirement is violated, regardless of later samples."""
     y = complete(dictionary, read.y, read.dt)
     fails = [requirement.first_violation(y, read.dt) for requirement in requirements]
     flights = _checked(replace(read, fail_index=np.min(fails, axis=0)), dictionary, None)

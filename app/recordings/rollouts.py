@@ -36,7 +36,7 @@ TEXTS = (
 )
 """Fields that are no files."""
 LISTS = {name: f"{name}s" for name in ("limit", "channel", "recording", "label")}
-"""Fields that hold one value a line or are sent several times, and what they add to."""
+"""Fields with one value a line, or sent several times, and the attributes that they extend."""
 SAFE = "safe"
 """Label of a recording without a failure."""
 

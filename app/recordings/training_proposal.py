@@ -98,7 +98,7 @@ class Input:
 def training_proposal(
     recordings: Recordings, recording_id: str, monitor_id: str | None = None
 ) -> dict[str, Any]:
-    """A partial body of `POST /monitors` that fits a recording, and what a person must add.
+    """A partial body of `POST /monitors` that fits a recording, and the fields still to add.
 
     monitor_id: lends its limits and lead, as the one that a scoring used.
     NotFound; TelemetryError where the mapping cannot be applied.

@@ -39,7 +39,7 @@ FAULTS = {
 """Kinds of faults in words, in the order of their strips."""
 MOST_FAULTS = 20
 LABELS = 110.0
-"""Width of the labels beside the strips [px]."""
+"""Width of the labels next to the strips [px]."""
 LEAST = 1.5
 """Smallest width of a fault [px]."""
 

@@ -94,7 +94,7 @@ class ListPart(NamedTuple):
     response: Response
 
     def link_to(self, cursor: str) -> None:
-        """Tell the client where the list goes on; nothing at its end."""
+        """Link to the next part of the list, if there is one."""
         if cursor:
             query = self.request.url.include_query_params(cursor=cursor, limit=self.limit).query
             self.response.headers["Link"] = f'<{self.request.url.path}?{query}>; rel="next"'
@@ -173,7 +173,7 @@ def strictly(*examples: Any) -> ConfigDict:
 
 
 class ConditionRanges(BaseModel):
-    """A flight condition: what a case of a limit set or a monitor set holds for."""
+    """The flight condition of a case of a limit set or a monitor set."""
 
     model_config = strictly()
 
@@ -188,7 +188,7 @@ class ConditionRanges(BaseModel):
 
 
 class SignedRequest(BaseModel):
-    """Name of the person who does this; ignored where a person is logged in."""
+    """Name of the person who sends the request; ignored where a person is logged in."""
 
     model_config = strictly({"by": "Ann"})
 

@@ -183,7 +183,7 @@ async def compare_methods(plain: PlainBody, store: StoreDep, jobs: JobsDep, sett
     ),
 )
 async def sweep_leads(plain: PlainBody, store: StoreDep, jobs: JobsDep, settings: SettingsDep):
-    """Lead-time study of planned tests: what each method achieves at each lead; starts a job.
+    """Lead-time study of planned tests: the results of each method at each lead; starts a job.
 
     It covers the planned tests in `tests`, or the test of a `dataset`. For each method and lead the
     result holds the miss rate, the share of safe flights without a false alarm (power) and the

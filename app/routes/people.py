@@ -1,4 +1,4 @@
-"""People, their tokens, and the log of what they did."""
+"""People, their tokens, and the log of their changes."""
 
 import asyncio
 import csv

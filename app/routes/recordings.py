@@ -131,7 +131,7 @@ class RecordingDetails(RecordingInfo):
     """keys of the channels that the monitor needs from the file; without one, those of the
     dictionary that fits the mapping"""
     targets: list[Target]
-    """what signals can be mapped to: `channels` first, then the others of all dictionaries"""
+    """channels to which signals can be mapped: `channels` first, then those of all dictionaries"""
     missing: list[str]
     """those of `channels` without a signal"""
     quality: dict[str, Any] | None

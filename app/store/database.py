@@ -45,7 +45,7 @@ CHECKPOINT_TIMEOUT_MS = 200
 POLL_S = 0.05
 """Interval at which a running check looks whether it must end [s]."""
 WRITER_KEY = 0x666F7277
-"""Number of the advisory lock of the one who writes to PostgreSQL."""
+"""Number of the advisory lock of PostgreSQL's writer."""
 LARGEST_IDLE_LOG = 64 * 2**20
 """Size of the write-ahead log on disk after a checkpoint [bytes]."""
 

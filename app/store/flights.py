@@ -102,7 +102,7 @@ class FlightInfo(Entry):
     limits_held: list[dict[str, Any]] | None
     """limits in force and since when; empty for the monitor's limits, null if not recorded"""
     summary: dict[str, Any] | None
-    """what a list shows of it, see app.flights.ended; null until it has ended"""
+    """its fields in a list, see app.flights.ended; null until it has ended"""
     keep: bool
     """whether it is kept permanently"""
     recording_id: str | None
@@ -489,7 +489,7 @@ def _cut(connection: Connection, flight_id: str, head: int) -> None:
 
 
 def replays_of(connection: Connection, kind: str, identity: str) -> list[tuple[str, str]]:
-    """Running flights whose source is this recording or scoring: what they are, and their ids."""
+    """Running flights whose source is this recording or scoring: their kind and id."""
     running = select(flights.c.id, flights.c.source).where(flights.c.status == "running")
     return [
         ("running flight", row.id)

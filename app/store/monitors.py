@@ -302,7 +302,7 @@ def _measured(
 
 
 def _users(connection: Connection, monitor_id: str) -> list[tuple[str, str]]:
-    """Flights, scorings and monitor sets that use a monitor: what they are, and their ids."""
+    """Flights, scorings and monitor sets that use a monitor: their kind and id."""
     displaying = select(display_monitors.c.flight_id).where(
         display_monitors.c.monitor_id == monitor_id
     )

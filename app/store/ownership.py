@@ -25,7 +25,7 @@ from core.whole_file import write_whole
 OWNER_KEY = 0x666F7265
 """Number of the advisory lock of the process that serves."""
 ANSWERS_S = 10
-"""[s] A peer that is silent for some times this is gone."""
+"""[s] A peer is lost if it is silent for a few times this."""
 PROGRAM, PUBLISHED = __version__, "forewarn.owner"
 _OWNED: dict[URL, "Ownership"] = {}
 _TURN = RLock()
@@ -36,7 +36,7 @@ class Taken(StoreError):
 
 
 class FileHold:
-    """A lock file. locked: what it protects.   option: chooses another one."""
+    """A lock file. locked: the protected file.   option: chooses another one."""
 
     def __init__(self, locked: Path, path: Path, option: str) -> None:
         self._locked, self._option = locked, option
@@ -188,7 +188,7 @@ def owned(url: URL, *, first: bool = False) -> Iterator[Ownership]:
 
 @contextmanager
 def published(data_dir: Path, about: dict[str, Any] | None) -> Iterator[None]:
-    """Leave in the data directory what others must know of its owner; nothing if None."""
+    """Publish facts about the owner in the data directory; nothing if None."""
     place = data_dir / PUBLISHED
     place.unlink(missing_ok=True)  # of one that was killed
     if about is not None:

@@ -41,7 +41,7 @@ class NotFound(LookupError):
 
 
 class InUse(ValueError):
-    """The thing to delete is used by others. users: their names and ids."""
+    """The item to delete is used by others. users: their names and ids."""
 
     def __init__(self, what: str, users: Iterable[tuple[str, str]]) -> None:
         self.users = tuple(users)
@@ -51,7 +51,7 @@ class InUse(ValueError):
 
 
 class KeptPermanently(ValueError):
-    """The thing to delete is kept permanently."""
+    """The item to delete is kept permanently."""
 
 
 Time = Annotated[str, Field(description="UTC, ISO 8601")]
@@ -67,7 +67,7 @@ E = TypeVar("E", bound=Entry)
 
 
 class Page(NamedTuple, Generic[E]):
-    """Part of a list.   after: what the next part begins after; empty at the end."""
+    """Part of a list.   after: position after which the next part begins; empty at the end."""
 
     entries: list[E]
     after: str
@@ -111,7 +111,7 @@ class Repository:
     """Rows of one table family; usable from any thread.
 
     Methods that take an id raise NotFound if nothing has it.   writer: shared per engine.
-    on_change: called, in any thread, after a change of what lists show of flights or campaigns.
+    on_change: called, in any thread, after a change that lists of flights or campaigns show.
     """
 
     def __init__(self, engine: Engine, writer: Writer) -> None:
@@ -286,7 +286,7 @@ def columns(table: Table, entry: type) -> list[Any]:
 
 
 def fetch(connection: Connection, query: Select, kind: str, identity: str) -> Row:
-    """The only row of a query. NotFound.   kind: what it is, for the message."""
+    """The only row of a query. NotFound.   kind: in words, for the message."""
     row = connection.execute(query).one_or_none()
     if row is None:
         raise NotFound(f"there is no {kind} {identity!r}: it was deleted or never existed")

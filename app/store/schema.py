@@ -132,7 +132,7 @@ def create_tables(connection: Connection) -> None:
 
 
 def keep_copy(url: URL) -> None:
-    """Copy an SQLite database beside itself before an upgrade; not a new one. StoreError."""
+    """Copy an SQLite database next to it before an upgrade; not a new one. StoreError."""
     current, database = current_revision(url), file_of(url)
     if current is not None and database is not None:
         copy = database.with_name(f"{database.name}{COPY}{current}")

@@ -34,7 +34,7 @@ from app.store.ownership import Ownership, Taken, owned
 from app.store.people import AuditRepository, SessionRepository, TokenRepository
 from app.store.recordings import MappingRepository, MarkerRepository, RecordingRepository
 from app.store.repository import InUse, KeptPermanently, NotFound, Writer
-from app.store.schema import bring_up_to_date, current_revision, forget_copies
+from app.store.schema import bring_up_to_date, current_revision
 from app.store.scorings import ScoringRepository
 from app.store.tables import datasets, monitors
 from core.channels import Dictionary
@@ -148,10 +148,6 @@ class Store:
     def damage(self) -> list[str]:
         """Check the whole database; one line per fault."""
         return check_pages(self.engine)
-
-    def forget_copies(self) -> None:
-        """Delete copies made before earlier migrations, once the server has started well."""
-        forget_copies(self.engine.url)
 
     def close(self) -> None:
         """Close idle connections; the store remains usable and opens new ones."""

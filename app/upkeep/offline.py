@@ -8,7 +8,7 @@
 Each version has its own environment under INTO/versions, and INTO/forewarn starts the current
 one. An upgrade keeps a copy of the database in INTO/before and tries its migrations on another copy
 first; if anything fails, nothing has changed. Going back restores program, database and journals;
-what was stored since is moved into a folder of the data directory.
+everything stored later is moved into a folder of the data directory.
 """
 
 import argparse
@@ -35,7 +35,7 @@ IS_WINDOWS = os.name == "nt"
 
 
 class InstallError(Exception):
-    """What was given, what is needed, and what to do."""
+    """The installation failed; the message gives the cause and what to do."""
 
 
 def main() -> int:
@@ -120,7 +120,7 @@ def _keep(data: Path, before: Path) -> dict[str, list[str]]:
 
 
 def _put_back(data: Path, before: Path, newest: dict[str, Any]) -> Path:
-    """Restore the database that was kept; move what was stored since aside."""
+    """Restore the copied database; move everything stored later aside."""
     aside = data / f"after-{newest['version']}-{datetime.now():%Y%m%d-%H%M%S}"
     aside.mkdir(parents=True)
     for name in OF_DATABASE:

@@ -1,6 +1,6 @@
 """Restoring a backup: whole or not at all; existing data is moved aside, not deleted.
 
-Everything is unpacked and checked beside its destination first. Then a list of moves is written,
+Everything is first unpacked and checked next to its destination. Then a list of moves is written,
 the moves are made, and the list is deleted. If the program dies in between, the next one that opens
 the directory finds the list and finishes the moves.
 """
@@ -115,7 +115,7 @@ def _check_schema(backup: Path, manifest: Manifest) -> None:
 
 
 def _unpack(archive: Archive, data_dir: Path, database: Path) -> tuple[Path, ...]:
-    """Write all parts beside their destination and sync them to disk. StoreError.
+    """Write all parts next to their destination and sync them to disk. StoreError.
 
     Returns the paths of recordings, journals and database; the journals may not exist.
     """

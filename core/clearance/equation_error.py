@@ -49,12 +49,12 @@ DIFFERENCES: Array = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0
 """Derivative from samples two before to two behind, with error (omega dt)^4 / 30."""
 
 
-def smoothing_window(dt: float, width_s: float = WIDTH_S) -> tuple[Array, Array]:
+def smoothing_window(dt: float) -> tuple[Array, Array]:
     """A biweight window, and the window for the derivative of its output.
 
     Both are exact for constants and straight lines.
     """
-    reach = max(2, round(0.5 * width_s / dt))
+    reach = max(2, round(0.5 * WIDTH_S / dt))
     u = np.arange(-reach, reach + 1) / (reach + 1)
     smooth: Array = (1.0 - u * u) ** 2
     smooth /= smooth.sum()

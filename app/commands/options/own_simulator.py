@@ -25,14 +25,14 @@ ITS_OWN = (
     *("aircraft", "control_law", "maneuver", "noise", "imperfections", "set", "print_recipe"),
     *("rollouts", "dictionary"),
 )
-"""Options of what a simulator has of its own."""
+"""Options for properties that a simulator already has."""
 
 
 FMU = ".fmu"
 
 
 def load(name: str, point: Path | None = None) -> OwnSimulator:
-    """The simulator of a name.   point: what a model flies. RecipeError, OwnCodeError."""
+    """The simulator of a name.   point: test point of a model. RecipeError, OwnCodeError."""
     if name.endswith(FMU):
         return OwnSimulator.of(fmu_simulator(name, point), name)
     if name.startswith(PREFIX):
@@ -43,7 +43,7 @@ def load(name: str, point: Path | None = None) -> OwnSimulator:
 
 
 def _imported(name: str) -> Any:
-    """What a module holds, also one in the current folder."""
+    """Import an object, also from a module in the current folder."""
     module_name, _, attribute = name.partition(":")
     if not (module_name and attribute) or module_name.endswith(".py"):
         raise RecipeError(

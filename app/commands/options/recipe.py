@@ -81,7 +81,7 @@ PATHS = {
     "guarantee": "monitor.guarantee",
     "groups": "monitor.groups.kind",
 }
-"""Options, and what they set in the recipe."""
+"""Options, and the fields of the recipe that they set."""
 METHOD = {"predictor": "monitor.predictor.kind", "score": "monitor.score.kind"}
 USUALLY = {
     "amplitude": "auto: set by a pilot run so that a quarter of flights exceed a limit",
@@ -105,7 +105,7 @@ def add_recipe_options(
     method: bool = False,
     imperfections: Imperfect = "usual",
 ) -> None:
-    """counts: fields of `of` besides its dataset and monitor.   method: choose its parts too.
+    """counts: fields of `of` besides its dataset and monitor.   method: also choose its parts.
 
     imperfections: the default. With "usual", the number of failures and the guarantee have their
     usual defaults too.
