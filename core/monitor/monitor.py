@@ -13,7 +13,7 @@ from core.kernels import assessing, compiled, peak_risk
 from core.kernels.assessing import Fitted
 from core.kernels.deviation import NO_INNOVATION, Innovation, Reference, largest_so_far
 from core.kernels.live_call import live_call, update_at
-from core.kernels.nearest import Tree, build
+from core.kernels.nearest import build
 from core.kernels.p_value import SIMPLE, Transduction, simple_p
 from core.limits.limits import (
     Envelope,
@@ -149,10 +149,11 @@ class Monitor:
         tested only if given.
         """
         sigma = np.full(len(self.dictionary), np.nan) if sigma is None else sigma
+        is_built = len(self.fitted.safe.slot) == len(self.safe_points)
         return Reference(
             matrix=self.fitted.matrix,
             offset=self.fitted.offset,
-            safe=self.safe_tree,
+            safe=self.fitted.safe if is_built else build(self.safe_points),
             scale=self.scale,
             sigma=sigma,
             d=self.fitted.d,
@@ -162,12 +163,6 @@ class Monitor:
             has_residuals=bool(np.isfinite(sigma).all()),
             innovation=innovation,
         )
-
-    @cached_property
-    def safe_tree(self) -> Tree:
-        """Search tree of the safe points, even if the score does not use them."""
-        built = len(self.fitted.safe.slot) == len(self.safe_points)
-        return self.fitted.safe if built else build(self.safe_points)
 
     @property
     def n_unsafe(self) -> int:
