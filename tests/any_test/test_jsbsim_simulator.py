@@ -64,6 +64,7 @@ def test_own_channels_have_the_unit_at_the_end_of_their_property(tmp_path: Path)
     [
         ("c172q", {}, "no aircraft 'c172q': did you mean c172p?"),
         ("c172p", {"speed_m_s": None}, "has no speed_m_s"),
+        ("c172p", {"inputs": {}}, "has no inputs: give some, such as fcs/elevator-cmd-norm"),
         ("c172p", {"altitude_m": -5}, "altitude_m=-5.0 was given"),
         ("c172p", {"parameters": {"aero/Cm": 1}}, "has no function 'aero/Cm'"),
         ("c172p", {"channels": {"Nz": "velocities/vt-fps"}}, "not a unit of this quantity"),

@@ -35,6 +35,8 @@ def jsbsim_simulator(name: str, point: Path | None) -> ModelSimulator:
     for part in ("altitude_m", "speed_m_s"):
         if getattr(recipe, part) is None:
             raise RecipeError(f"{point} has no {part}: give that of the trimmed flight")
+    if not recipe.inputs:
+        raise RecipeError(f"{point} has no inputs: give some, such as fcs/elevator-cmd-norm")
     if unknown := [each for each in recipe.parameters if each not in functions]:
         raise RecipeError(
             f"{point}: {name} has no function {unknown[0]!r}: {instead_of(unknown[0], functions)}"

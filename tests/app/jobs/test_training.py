@@ -1,5 +1,6 @@
 """Validity calibrated in training: on separate flights until they suffice, or with the reason."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -36,6 +37,15 @@ def simulated() -> Dataset:
     from app.jobs.training import simulate
 
     return simulate(RECIPE, nothing)
+
+
+def test_a_collection_shows_its_rate_and_the_time_left() -> None:
+    from app.jobs.training import simulate
+
+    told: list[str] = []
+    simulate(RECIPE, lambda message, done, total: told.append(message))
+    words = r"simulating: 30 unsafe of \d+ rollouts, [\d.]+ a second, 0 s left"
+    assert re.fullmatch(words, told[-1])
 
 
 def test_training_calibrates_validity_even_without_a_test(simulated: Dataset) -> None:
