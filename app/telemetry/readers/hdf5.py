@@ -15,18 +15,20 @@ import numpy as np
 import numpy.typing as npt
 
 from app.telemetry.contents import ColumnWriter, Contents
-from app.telemetry.readers.matrices import Matrix, matrix, to_tables
 from app.telemetry.readers.signal_tables import (
     BLOCK,
     DESCRIPTION_NAMES,
     UNIT_NAMES,
     Clock,
     Column,
+    Matrix,
     Pieces,
     SignalTable,
     declared_rate,
     is_time_name,
     library_errors,
+    matrix,
+    to_tables,
     write_tables,
 )
 

@@ -24,12 +24,14 @@ from app.telemetry.readers.hdf5 import (
     text,
     unreadable,
 )
-from app.telemetry.readers.matrices import Matrix, matrix, to_tables
 from app.telemetry.readers.signal_tables import (
     DESCRIPTION_NAMES,
     Column,
+    Matrix,
     is_time_name,
     library_errors,
+    matrix,
+    to_tables,
     write_tables,
 )
 

@@ -18,12 +18,14 @@ import numpy.typing as npt
 
 from app.telemetry.contents import ColumnWriter, Contents
 from app.telemetry.readers.hdf5 import Unpack, arrays, attribute, datasets, opened, text
-from app.telemetry.readers.matrices import Matrix, matrix, to_tables
 from app.telemetry.readers.signal_tables import (
     Column,
+    Matrix,
     declared_rate,
     is_time_name,
     library_errors,
+    matrix,
+    to_tables,
     write_tables,
 )
 from app.telemetry.units import factor, fits, spelled

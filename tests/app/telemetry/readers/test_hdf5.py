@@ -50,7 +50,7 @@ def test_groups_follow_place_length_and_time(read_back):
 @pytest.mark.parametrize("chunks", [None, (7, 2), (300, 1), (1, 5)])
 @pytest.mark.parametrize("turned", [False, True])
 def test_columns_of_a_matrix_are_signals(chunks, turned, read_back, monkeypatch):
-    monkeypatch.setattr("app.telemetry.readers.matrices.BLOCK", 64)
+    monkeypatch.setattr("app.telemetry.readers.signal_tables.BLOCK", 64)
     matrix = np.arange(5.0 * N).reshape(N, 5)
 
     def fill(file):
