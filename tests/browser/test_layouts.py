@@ -49,10 +49,8 @@ def opened(page: Page, address: str) -> Page:
     return page
 
 
-def test_strips_are_hidden_moved_sized_and_scaled_by_the_keyboard(
-    own_page: Page, scoring: str
-) -> None:
-    page = opened(own_page, scoring)
+def test_strips_are_hidden_moved_sized_and_scaled_by_the_keyboard(page: Page, scoring: str) -> None:
+    opened(page, scoring)
     assert keys_of(page) == KEYS
     editor = edit(page)
     part(editor, "p").get_by_label("Show").select_option("hidden")
@@ -81,8 +79,8 @@ def test_strips_are_hidden_moved_sized_and_scaled_by_the_keyboard(
     expect(editor).to_be_hidden()
 
 
-def test_the_strip_of_an_exceeding_channel_is_never_hidden(own_page: Page, scoring: str) -> None:
-    page = opened(own_page, f"{scoring}&strips=risk,.Ny")
+def test_the_strip_of_an_exceeding_channel_is_never_hidden(page: Page, scoring: str) -> None:
+    opened(page, f"{scoring}&strips=risk,.Ny")
     assert keys_of(page) == ["risk", "Ny"]
     expect(page.locator('.strip[data-key="Ny"] .strip-back')).to_contain_text("exceeded its limit")
     page.goto(f"{scoring}&strips=beta")
@@ -93,11 +91,9 @@ def test_the_strip_of_an_exceeding_channel_is_never_hidden(own_page: Page, scori
 
 
 def test_a_link_that_asks_for_unknown_parts_tells_so_and_shows_the_others(
-    own_page: Page, scoring: str
+    page: Page, scoring: str
 ) -> None:
-    page = opened(
-        own_page, f"{scoring}&strips=Ny,lift,p,p*9&panels=map,notes&cross=beta:Ny,beta:mach"
-    )
+    page = opened(page, f"{scoring}&strips=Ny,lift,p,p*9&panels=map,notes&cross=beta:Ny,beta:mach")
     assert keys_of(page) == ["Ny", "p"]
     unknown = page.locator(".layout-unknown")
     expect(unknown).to_have_text(re.compile(r": lift, p\*9, map, mach\."))
@@ -116,10 +112,8 @@ def test_a_link_that_asks_for_unknown_parts_tells_so_and_shows_the_others(
     expect(page.locator(".masthead")).to_be_visible()
 
 
-def test_a_value_outside_a_fixed_scale_and_a_limit_are_never_lost(
-    own_page: Page, scoring: str
-) -> None:
-    page = opened(own_page, f"{scoring}&strips=Ny@-0.01:0.01,delta_r@0:0.001")
+def test_a_value_outside_a_fixed_scale_and_a_limit_are_never_lost(page: Page, scoring: str) -> None:
+    opened(page, f"{scoring}&strips=Ny@-0.01:0.01,delta_r@0:0.001")
     page.locator(".view-menu summary").click()
     with page.expect_download() as saved:
         page.get_by_role("button", name="as SVG").click()
@@ -168,10 +162,8 @@ def until_equal(first: Callable[[], Any], second: Callable[[], Any], page: Page)
     assert first() == second()
 
 
-def test_a_layout_is_kept_by_name_and_as_a_file(
-    own_page: Page, scoring: str, tmp_path: Path
-) -> None:
-    page = opened(own_page, scoring)
+def test_a_layout_is_kept_by_name_and_as_a_file(page: Page, scoring: str, tmp_path: Path) -> None:
+    opened(page, scoring)
     editor = edit(page)
     part(editor, "p").get_by_label("Show").select_option("hidden")
     editor.get_by_label("Name of the layout").fill("no roll")
@@ -232,10 +224,9 @@ def flight(site: RecordedSite) -> Iterator[str]:
 
 
 def test_no_layout_hides_an_alarm_or_a_call(
-    own_page: Page, site: RecordedSite, flight: str, allowed_errors: list[str]
+    page: Page, site: RecordedSite, flight: str, allowed_errors: list[str]
 ) -> None:
     allowed_errors.append("404 (Not Found)")  # a scene opened as its flight ends
-    page = own_page
     page.goto(f"{site.http}/#/fly/{flight}?strips=beta&panels=gauge")
     expect(page.locator(".event-panel")).to_be_hidden()
     expect(page.locator('.strips > [data-key="Ny"]')).to_be_visible()
@@ -267,9 +258,8 @@ def drag(page: Page, handle: Locator, over: Locator) -> None:
 
 
 def test_panels_and_strips_are_dragged_to_another_place(
-    own_page: Page, site: RecordedSite, flight: str
+    page: Page, site: RecordedSite, flight: str
 ) -> None:
-    page = own_page
     page.set_viewport_size({"width": 1440, "height": 900})
     page.goto(f"{site.http}/#/fly/{flight}")
     drag(page, page.get_by_role("heading", name="Events"), page.locator(".gauge-panel"))
@@ -284,9 +274,8 @@ def test_panels_and_strips_are_dragged_to_another_place(
 
 
 def test_keys_typed_into_the_layout_editor_are_no_shortcuts_but_calls_work_beside_its_fields(
-    own_page: Page, site: RecordedSite, flight: str
+    page: Page, site: RecordedSite, flight: str
 ) -> None:
-    page = own_page
     page.goto(f"{site.http}/#/fly/{flight}")
     editor = edit(page)
     every = "abcefgjklmnopqtvwxyz0?[],.+-"
