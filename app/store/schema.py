@@ -27,6 +27,7 @@ from app.store.tables import metadata
 
 if TYPE_CHECKING:
     from alembic.config import Config
+    from alembic.script import ScriptDirectory
 
 COPY = ".before-"
 """Between the name of a database and the revision of its copy."""
@@ -57,11 +58,15 @@ def configuration() -> "Config":
 
 
 @cache
-def revisions(directory: Path) -> tuple[str, ...]:
-    """Revisions in a directory of migrations, newest first."""
+def scripts(directory: Path) -> "ScriptDirectory":
     from alembic.script import ScriptDirectory
 
-    return tuple(script.revision for script in ScriptDirectory(directory).walk_revisions())
+    return ScriptDirectory(directory)
+
+
+def revisions(directory: Path) -> tuple[str, ...]:
+    """Revisions in a directory of migrations, newest first."""
+    return tuple(script.revision for script in scripts(directory).walk_revisions())
 
 
 def current_revision(url: URL) -> str | None:
@@ -110,11 +115,11 @@ def bring_up_to_date(url: URL) -> None:
             return
         keep_copy(url)
         with migrating(url) as connection:
-            config = configuration()
-            config.attributes["connection"] = connection
             if not inspect(connection).get_table_names():  # another process may have made them
                 create_tables(connection)
                 return
+            config = configuration()
+            config.attributes["connection"] = connection
             try:
                 command.upgrade(config, "head")
             except util.CommandError as error:
@@ -123,12 +128,10 @@ def bring_up_to_date(url: URL) -> None:
 
 def create_tables(connection: Connection) -> None:
     """The tables of an empty database."""
-    from alembic import command
+    from alembic.migration import MigrationContext
 
-    config = configuration()
-    config.attributes["connection"] = connection
     metadata.create_all(connection, checkfirst=False)
-    command.stamp(config, "head")
+    MigrationContext.configure(connection).stamp(scripts(migrations()), "head")
 
 
 def keep_copy(url: URL) -> None:
