@@ -155,7 +155,8 @@ class OwnSimulator:
         if n := int((~unlike(y)).sum()):
             raise OwnCodeError(
                 f"{self.name} returned {n} flights of {len(y)} that repeat another one: give its "
-                "parameters spreads, and draw every flight from the generator that it is given"
+                "parameters spreads and its flights inputs, and draw every flight from the "
+                "generator that it is given"
             )
 
     def _fly(self, theta: Array, rng: np.random.Generator) -> tuple[Rollouts, Array]:
