@@ -66,7 +66,7 @@ def test_a_set_is_made_flown_and_says_which_monitor_it_uses(
     expect(line).to_contain_text("◆ NO MONITOR IN USE: Mach number is missing")
     address = page.locator(".source-address")
     expect(address.locator("tr", has_text="Mach number")).to_contain_text("mach")
-    expect(address.locator("tr", has_text="Mach number")).to_contain_text("needed")
+    expect(address.locator("tr", has_text="Mach number")).to_contain_text("✓ flight condition")
     expect(address.locator("code", has_text="curl")).to_contain_text('"mach":0')
     page.screenshot(path=tmp_path / "address.png")
     push(fly, 0, 0.6)
