@@ -33,7 +33,7 @@ input,button{{font:inherit;padding:.5em .8em;border:1px solid #73879b;border-rad
 input{{min-width:20em}}
 button{{border:0;color:#fff;background:light-dark(#0a5a9c,#1f6fb2)}}
 [role=alert]{{color:light-dark(#945a00,#d08c10)}}
-[role=alert]:not(:empty)::before{{content:"\25c6  "}}</style>
+[role=alert]:not(:empty)::before{{content:"◆ "}}</style>
 <form method="post" action="/login"><h1>Forewarn</h1>
 <p><label for="token">Token of this Forewarn server</label></p>
 <p><input id="token" name="token" type="password" required autofocus>

@@ -22,6 +22,8 @@ def test_the_token_lets_a_browser_in_and_another_does_not(
         page.get_by_label("Token of this Forewarn server").fill("another-token-altogether")
         page.get_by_role("button", name="Enter").click()
         expect(page.get_by_role("alert")).to_have_text("This is not a token of this server.")
+        mark = "(alert) => getComputedStyle(alert, '::before').content"
+        assert page.get_by_role("alert").evaluate(mark) == '"◆ "'
         page.get_by_label("Token of this Forewarn server").fill(TOKEN)
         page.get_by_role("button", name="Enter").click()
         expect(page.get_by_role("link", name="Monitors", exact=True)).to_be_visible()
