@@ -254,7 +254,7 @@ class Archives:
         try:
             return self._by_id[archive_id]
         except KeyError:
-            raise NotFound(f"there is no archive {archive_id!r}: it was removed, or never was") from None
+            raise NotFound(f"there is no archive {archive_id!r}: it was removed") from None
 
     def listed(self) -> list[dict[str, Any]]:
         """`about` of each; one that cannot be read has only the reason, as `problem`."""
