@@ -36,7 +36,7 @@ SWEEP = SweepRecipe(
     n_monitors=2,
     n_test=80,
 )
-CLEARANCE = ClearanceRecipe(epsilon=0.1, n_exceeding=50, n_aircraft=110, n_draws=16, seed=3)
+CLEARANCE = ClearanceRecipe(epsilon=0.1, n_exceeding=20, n_aircraft=100, n_draws=8, seed=3)
 
 
 def _clearance(executor: Executor | None) -> Clearance:
@@ -50,7 +50,7 @@ def _calibrated() -> Clearance:
 
 
 def _studied(executor: Executor | None) -> Any:
-    recipe = StudyRecipe(dataset=DATASET, n_monitors=3, n_test=60)
+    recipe = StudyRecipe(dataset=DATASET, n_monitors=2, n_test=60)
     result = study(recipe, executor=executor)
     counted = {name: vars(method) for name, method in result.methods.items()}
     return counted, result.unsafe_rate, result.monitor.alphas, result.flights
