@@ -1,12 +1,10 @@
 /** A flight of an archive as one monitor scored it: strips, events, verdicts and notes, from the archive's own samples. */
 
-import { createRecordingChart } from "../charts/recorded/recording_chart.js";
 import { setZero } from "../lib/clock.js";
 import { empty, formatted, guideLink, h, link, loadingView, pageOf, panel, recipeList, sentences } from "../lib/dom.js";
 import { bytesText, count, figure, moment } from "../lib/numbers.js";
-import { createScoredEvents, eventsOf, exceededIn, flagsOf, laneOf, limitsInForceOf, manoeuvresOf } from "./scoring/events.js";
+import { createScoredChart } from "./scoring/scored_chart.js";
 import { tileSource } from "./scoring/source.js";
-import { createVerdictTable } from "./scoring/verdict_table.js";
 import { alertRule, NO_CLOCK, outcomeChip, outsideChip, trimText } from "./words.js";
 
 export function showArchivedFlight(element, { id, query, api }) {
@@ -17,24 +15,10 @@ export function showArchivedFlight(element, { id, query, api }) {
   function build({ keep }, flight) {
     setZero(flight.time_zero, NO_CLOCK);
     const { manoeuvres } = flight;
-    const events = eventsOf(flight);
     const host = h("div.scored-chart");
-    const list = createScoredEvents(events, visit);
-    const verdicts = createVerdictTable(flight, { show: visitManoeuvre });
-    const chart = createRecordingChart(host, {
-      exceeded: exceededIn(flight),
-      channels: flight.channels,
-      sources: [{ ...tileSource(api, `${base}/tiles?${monitor}&`, flight), manoeuvres: manoeuvresOf(flight) }],
-      alertAbove: flight.alert_above,
-      held: limitsInForceOf(flight),
-      flags: flagsOf(flight),
-      label: `${flight.flight} as ${flight.monitor} assessed it`,
-      chosen: ({ t, manoeuvre }) => (manoeuvre === undefined ? visit({ t }) : visitManoeuvre(manoeuvre)),
-      went: visit,
-    });
+    const tiles = tileSource(api, `${base}/tiles?${monitor}&`, flight);
+    const { chart, list, verdicts } = createScoredChart(flight, host, tiles, () => ({ label: `${flight.flight} as ${flight.monitor} assessed it` }));
     keep({ close: chart.destroy });
-    chart.setEvents(events);
-    chart.setLane(laneOf(manoeuvres));
     const others = flight.monitors.filter((name) => name !== flight.monitor);
     return pageOf(
       flight.flight,
@@ -48,19 +32,6 @@ export function showArchivedFlight(element, { id, query, api }) {
       ),
       panel("How it was scored", [recipeList(factsOf(flight)), sentences([...flight.notes, ...(flight.quality?.sentences ?? [])])]),
     );
-
-    function visit({ t, manoeuvre: number = null }) {
-      const { start, end } = chart.window.view();
-      if (number !== null && (t < start || t > end)) visitManoeuvre(number);
-      chart.setCursor(t);
-    }
-
-    function visitManoeuvre(k) {
-      const { start, end } = manoeuvres[k];
-      const margin = 0.08 * (end - start);
-      chart.show(start - margin, end + margin);
-      verdicts.choose(k);
-    }
   }
 }
 

@@ -1,7 +1,6 @@
 /** One scoring: strips, events, verdicts and notes, with replay, report and export. */
 
 import { arrangePanels, showAlone } from "../../charts/arranging/side_panels.js";
-import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
 import { createSimulated } from "../../charts/simulated.js";
 import { foldedPanel } from "../../forms/controls.js";
 import { createAddress } from "../../lib/address.js";
@@ -30,11 +29,10 @@ import { isWithUnit } from "../mapping/signal_select.js";
 import { createNotesPanel, laneOfMarkers } from "../notes_panel.js";
 import { createTrainingOffer } from "../training_offer.js";
 import { alertRule, NO_CLOCK, outcomeChip, outsideChip, trimText } from "../words.js";
-import { createScoredEvents, eventsOf, exceededIn, flagsOf, laneOf, limitsInForceOf, manoeuvresOf, scoringStarts } from "./events.js";
+import { laneOf, scoringStarts } from "./events.js";
+import { createScoredChart } from "./scored_chart.js";
 import { scoringSource, TRIM_SEGMENT } from "./source.js";
-import { createVerdictTable } from "./verdict_table.js";
 
-const WIDE = 4; // windows longer than this many manoeuvres are too wide to show its events
 const EXPORTS = { csv: "CSV", parquet: "Parquet", mat: "MAT" };
 const TRIMS = { [TRIM_SEGMENT]: "mean of each manoeuvre's trim segment", null: "not subtracted" };
 const WAYS = { detected: "detected from control activity", entire: "the entire recording as one" };
@@ -50,28 +48,11 @@ export function showScoring(element, { id, query, api, navigate }) {
     const display = displayOf(scoring, monitors, scorings);
     const { manoeuvres } = scoring;
     const host = h("div.scored-chart");
-    const events = eventsOf(scoring);
-    const list = createScoredEvents(events, visit);
-    const verdicts = createVerdictTable(scoring, { show: visitManoeuvre });
     const address = createAddress();
     const noted = h("div.scored-notes");
-    const side = h("div.scored-side", list, noted);
-    const panels = arrangePanels(address, side, { events: { label: "Events", element: list }, notes: { label: "Notes and markers", element: noted } });
-    const chart = createRecordingChart(host, {
-      address,
-      panels,
-      exceeded: exceededIn(scoring),
-      channels: scoring.channels,
-      sources: [{ ...scoringSource(api, scoring), manoeuvres: manoeuvresOf(scoring) }],
-      alertAbove: scoring.alert_above,
-      held: limitsInForceOf(scoring),
-      flags: flagsOf(scoring),
-      label: `${recording.name} as ${scoring.monitor_name} assessed it`,
-      simulated: createSimulated(api, scoring.monitor),
-      starts: () => scoringStarts(scoring),
-      chosen: ({ t, manoeuvre }) => (manoeuvre === undefined ? visit({ t }) : visitManoeuvre(manoeuvre)),
-      went: visit,
-    });
+    const side = h("div.scored-side");
+    let panels = null;
+    const { chart, verdicts, events, visit } = createScoredChart(scoring, host, scoringSource(api, scoring), more);
     keep({ close: chart.destroy });
     const scored = h("div.scored", h("div.stack-tight", host, chart.editor, chart.cross), side);
     showAlone(scored, address, panels);
@@ -83,7 +64,6 @@ export function showScoring(element, { id, query, api, navigate }) {
     });
     noted.append(notes.element);
     notes.load();
-    chart.setEvents(events);
     const none = empty(
       "No manoeuvre",
       "No manoeuvre was detected. Mark one by hand, or score the entire recording.",
@@ -126,21 +106,11 @@ export function showScoring(element, { id, query, api, navigate }) {
       return Number.isFinite(t) ? { t, end: null } : null;
     }
 
-    /** Show an event, in the window of its manoeuvre unless the present window shows it well. */
-    function visit({ t, manoeuvre: number = null }) {
-      const view = chart.window.view();
-      const manoeuvre = manoeuvres[number] ?? manoeuvres.find(({ start, end }) => t >= start && t <= end);
-      const isVisible = t >= view.start && t <= view.end;
-      const isWide = manoeuvre && view.end - view.start > WIDE * (manoeuvre.end - manoeuvre.start);
-      if (manoeuvre && (isWide || !isVisible)) visitManoeuvre(manoeuvres.indexOf(manoeuvre));
-      chart.setCursor(t);
-    }
-
-    function visitManoeuvre(k) {
-      const { start, end } = manoeuvres[k];
-      const margin = 0.08 * (end - start);
-      chart.show(start - margin, end + margin);
-      verdicts.choose(k);
+    function more(list) {
+      side.append(list, noted);
+      panels = arrangePanels(address, side, { events: { label: "Events", element: list }, notes: { label: "Notes and markers", element: noted } });
+      const label = `${recording.name} as ${scoring.monitor_name} assessed it`;
+      return { address, panels, label, simulated: createSimulated(api, scoring.monitor), starts: () => scoringStarts(scoring) };
     }
   }
 }
