@@ -201,7 +201,7 @@ def _verdict(
         return verdict_of_recording(scored, alarms, _exceeded(info, alarms), monitor.dt, promised)
     first = first_exceedance(alarms)
     if first is not None:
-        before = stored_before(store, info.id, first, monitor.lead, monitor.dt)
+        before = stored_before(store, info.id, first, promised, monitor.dt)
         live = info.source.get("kind") == "live"
         longest = longest_manoeuvre(planned_length(monitor.dataset_recipe))
         return verdict(alarms, Circumstances(promised, *before, live, longest))

@@ -654,7 +654,7 @@ class Flight(ABC):
     def _judge(self, seq: int) -> None:
         first = first_exceedance(self.alarms.evidence)
         if first is not None and first.seq == seq:
-            about = [*self._newest], self.plan.monitor.lead, self.plan.monitor.dt
+            about = [*self._newest], self.lead, self.plan.monitor.dt
             self._before_exceedance = before_exceedance(first.t, *about)
         self.judge(self._before_exceedance)
 

@@ -307,7 +307,7 @@ class Flights:
                 flight.digest = reader.digest
                 before = False, False, ""
                 if (first := first_exceedance(alarms)) is not None:
-                    about = flight_id, first, plan.monitor.lead, plan.monitor.dt
+                    about = flight_id, first, flight.lead, plan.monitor.dt
                     before = await asyncio.to_thread(stored_before, self.store, *about)
                 flight.judge(before)
                 await asyncio.to_thread(self.store.flights.resume, flight_id, flight.head)

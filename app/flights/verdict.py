@@ -46,7 +46,7 @@ class Circumstances(NamedTuple):
     jumped: the samples just before the first exceedance were not flown, so an alarm raised with it
     could not warn.
     withdrawn: the monitor was not applicable by then; without an alarm it has not missed.
-    unassessed: the verdict if no sample could warn of it, see `unassessed`; else empty.
+    unassessed: the verdict if no sample could warn of it in time, see `unassessed`; else empty.
     live: alarms stored without `arrived` count from when they were raised.
     longest: [s] an earlier alert belongs to another manoeuvre.
     """
@@ -93,10 +93,10 @@ def verdict(alarms: Iterable[Alarm], circumstances: Circumstances = AS_FLOWN) ->
     )
     if jumped and not alerts:
         return not_flown(first.t)
-    if unassessed and not withdrawn and not alerts:
-        return Verdict(exceeded_t=first.t, lead=None, text=unassessed)
     exceedance = RecordedExceedance(first.t, "", 0.0)
     result, lead = outcome(tuple((t, t) for t in alerts), exceedance, promised)
+    if unassessed and not withdrawn and result != "timely_alert":
+        return Verdict(exceeded_t=first.t, lead=None, text=unassessed)
     result = "invalid" if withdrawn and not alerts else result
     text = exceedance_verdict(result, lead, promised)
     return _verdict(first.t, lead, text, result, promised)
@@ -186,7 +186,8 @@ def before_exceedance(
 def unassessed(t: float, samples: Iterable[SampleCause], lead: float = 0.0, dt: float = 1.0) -> str:
     """The verdict on an exceedance that no sample could warn of in time; else empty.
 
-    t: of the exceedance [s].   samples: the newest ones by then.   lead, dt: of the monitor [s].
+    t: of the exceedance [s].   samples: the newest ones by then.   lead: promised [s].   dt: of
+    the monitor [s].
     """
     before = [sample for sample in samples if sample.t < t - SAME_TIME]
     known = [sample for sample in before if sample.cause not in DATA_MISSING]

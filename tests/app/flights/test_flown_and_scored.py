@@ -225,6 +225,18 @@ def test_data_missing_at_rest_are_told_by_the_scoring_too(tmp_path: Path) -> Non
     assert f"Data missing outside every manoeuvre: {why}." in both.scored.notes
 
 
+@pytest.mark.parametrize(("n_gap", "n_after"), [(8, 1), (4, 4), (4, 5), (12, 5), (8, 9)])
+def test_data_missing_just_before_the_limit_weigh_alike(
+    tmp_path: Path, n_gap: int, n_after: int
+) -> None:
+    """n_gap: samples without beta.   n_after: those with it, from there to the exceedance."""
+    y = doublets(fail=True)[0]
+    end = len(y) - 8 - n_after
+    y = with_channel(y, "beta", np.nan, end - n_gap, end)
+    verdict, scored = words(flown_and_scored(tmp_path, in_order(y)))
+    assert verdict == scored
+
+
 def test_samples_at_rest_are_not_called_invalid(tmp_path: Path) -> None:
     (rest,) = flown_and_scored(tmp_path, in_order(at_rest())).scored.manoeuvres
     assert rest.guarantee == "No guarantee: no manoeuvre was flown."
