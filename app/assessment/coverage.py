@@ -10,9 +10,19 @@ from typing import NamedTuple
 import numpy as np
 
 from app.assessment.grid import missing_after
-from app.assessment.outcome import Alerts, Hole, Limited, RecordedExceedance, lost_in, runs
+from app.assessment.outcome import (
+    Alerts,
+    Hole,
+    Limited,
+    RecordedExceedance,
+    holes_in,
+    lost_in,
+    runs,
+)
+from app.assessment.planned_test import needed_channels
+from core.kernels.causal_grid import RATE_RATIO
 from core.limits.exceedance import NOT_PLAUSIBLE, SAME_TIME
-from core.monitor import Assessments
+from core.monitor import Assessments, Monitor
 from core.monitor.assessment import STATES, State
 from core.types import Array, Flags, Indices
 
@@ -58,13 +68,44 @@ def why_exceedance_unknown(holes: Sequence[Hole], length: float, dt: float) -> s
     holes: of the limited channels.   length: of the manoeuvre or flight [s].   dt: of the monitor
     [s].
     """
-    longest, lost = max(holes, key=lambda hole: hole.lost, default=None), lost_in(holes)
-    if longest is None or not (_is_wide(longest, dt) or lost > MOST_SHARE * length):
+    if (longest := _most_missing(holes, length, dt)) is None:
         return ""
+    return f"{_in_words(longest, holes)}; a limit may have been exceeded there"
+
+
+def _most_missing(holes: Sequence[Hole], length: float, dt: float) -> Hole | None:
+    """The longest hole if too much is missing, else None. See why_exceedance_unknown."""
+    longest = max(holes, key=lambda hole: hole.lost, default=None)
+    if longest is None or not (_is_wide(longest, dt) or lost_in(holes) > MOST_SHARE * length):
+        return None
+    return longest
+
+
+def _in_words(longest: Hole, holes: Sequence[Hole]) -> str:
     return (
         f"no sample of {longest.channel} from {longest.start:.2f} to {longest.end:.2f} s, "
-        f"{lost:.2f} s missing in total; a limit may have been exceeded there"
+        f"{lost_in(holes):.2f} s missing in total"
     )
+
+
+def why_unflown_unknown(monitor: Monitor, t: Array, y: Array, step: float = 0.0) -> str:
+    """Why "no manoeuvre was flown" is uncertain, because data are missing; "" if certain.
+
+    t: (n,) on the monitor's grid [s].   y: (n, n_channels), NaN where missing.   step: usual one of
+    the samples received [s].
+    """
+    dt, start, end, holes = monitor.dt, float(t[0]), float(t[-1]), list[Hole]()
+    needed, known = needed_channels(monitor), np.isfinite(y)
+    for c in monitor.dictionary.of_role("control"):
+        if needed[c] or known[:, c].any():
+            key = monitor.dictionary.keys[c]
+            holes += holes_in(key, t[known[:, c]], start, end, dt)
+    if (longest := _most_missing(holes, end - start, dt)) is None:
+        return ""
+    if step > RATE_RATIO * dt:
+        rate = f"{1.0 / dt:.4g} Hz"
+        return f"recorded at {1.0 / step:.4g} Hz, the monitor needs {rate}: send at {rate}"
+    return f"{_in_words(longest, holes)}; a manoeuvre may have been flown there"
 
 
 def why_outcome_unknown(

@@ -295,11 +295,14 @@ def lost_in(holes: Sequence[Hole]) -> float:
     return max(lost.values(), default=0.0)
 
 
-def holes_in(key: str, t: Array, start: float, end: float) -> list[Hole]:
-    """Holes of a channel between start and end. t: (n,) times of its samples."""
+def holes_in(key: str, t: Array, start: float, end: float, step: float | None = None) -> list[Hole]:
+    """Holes of a channel between start and end.
+
+    t: (n,) times of its samples.   step: between these [s]; None for their usual one.
+    """
     if len(t) < 2:
         return [Hole(key, start, end, end - start)]
-    step = float(np.median(np.diff(t)))
+    step = float(np.median(np.diff(t))) if step is None else step
     edges = np.concatenate([[start], t, [end]])
     steps = np.diff(edges)
     return [

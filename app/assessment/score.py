@@ -9,7 +9,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from app.assessment.coverage import why_exceedance_unknown, why_outcome_unknown, why_warning_unknown
+from app.assessment.coverage import (
+    why_exceedance_unknown,
+    why_outcome_unknown,
+    why_unflown_unknown,
+    why_warning_unknown,
+)
 from app.assessment.limits_history import LimitsHistory, SetHistory
 from app.assessment.outcome import (
     MOST_OUTSIDE,
@@ -65,6 +70,8 @@ from core.types import Array, Flags
 
 JUDGED_TOGETHER = 64
 """Release the mapped columns from memory after this many segments."""
+JUST_BEFORE = 20
+"""Samples before an exceedance that decide whether a manoeuvre was flown by then."""
 INVALID, WARMING_UP = STATES.index(State.INVALID), STATES.index(State.WARMING_UP)
 
 
@@ -120,6 +127,8 @@ def score_at_each(
         notes = (*notes, *unused)
     judged = _judge_all(flight, parts)
     outside = _outside(flight, judged)
+    unassessed = [each.validity.reasons[0] for each in judged if each.segment.is_rest]
+    notes = (*notes, *(f"Not assessed: {why}." for why in unassessed))
     used = [f"{flight.use[0].upper()}{flight.use[1:]}."] if flight.use else []
     notes = (*used, *flight.notes, *notes, *notes_on_outside(outside, monitor.dictionary))
     notes += _missing_outside(flight, judged)
@@ -161,7 +170,7 @@ class JudgedSegment:
     None if the monitor applies throughout.   inputs: flown inputs of the planned surfaces.
     silent: samples from `begin` on where other limits than the monitor's were in force.
     in_force: those limits, in plain data.   own: judged by the monitor's limits, where others were
-    in force.
+    in force.   unknown: of a rest, why a manoeuvre may have been flown in it; empty if none was.
     """
 
     assessed: AssessedSegment
@@ -174,6 +183,7 @@ class JudgedSegment:
     silent: Flags
     in_force: tuple[dict[str, Any], ...] = ()
     own: Limited | None = None
+    unknown: str = ""
 
     @property
     def assessments(self) -> Assessments:
@@ -261,13 +271,29 @@ def _judge(flight: RecordedFlight, segment: Segment) -> JudgedSegment:
         verdict = under_limits(verdict, in_force)
         own = against_limits(*arguments) if silent.any() else None
         withdrawal = final_withdrawal(silent, withdrawal, in_force)
+    unknown, inputs = "", ()
     if segment.is_rest:
-        verdict, withdrawal = Validity(None, reasons=("no manoeuvre was flown",)), None
+        unknown = _why_unflown_unknown(flight, limited.exceedance)
+        verdict = Validity(None, reasons=(unknown or "no manoeuvre was flown",))
+        withdrawal = None
     elif segment.ends_early and limited.exceedance is None:
         verdict = ended_early(verdict, segment.ends_early)
-    inputs = monitor.flown_input(y, monitor.last_counted(y), flight.planned.amplitudes)
-    about = limited, verdict, withdrawal, inputs, silent, in_force, own
+    if not segment.is_rest:
+        inputs = monitor.flown_input(y, monitor.last_counted(y), flight.planned.amplitudes)
+    about = limited, verdict, withdrawal, inputs, silent, in_force, own, unknown
     return JudgedSegment(assessed, begin, y, *about)
+
+
+def _why_unflown_unknown(flight: RecordedFlight, exceedance: RecordedExceedance | None) -> str:
+    """See why_unflown_unknown; of an exceedance, why none may have been flown just before it."""
+    t, y = flight.recording.t, flight.recording.y
+    step = float(np.median(np.diff(next(iter(flight.judged.channels.values())).t)))
+    if exceedance is not None:
+        stop = max(2, int(np.searchsorted(t, exceedance.t)))
+        part = slice(max(0, stop - JUST_BEFORE), stop)
+        t, y = t[part], y[part]
+    why = why_unflown_unknown(flight.monitor, t, y, step)
+    return f"data missing: {why}" if why else ""
 
 
 def _outside(flight: RecordedFlight, judged: list[JudgedSegment]) -> tuple[RecordedExceedance, ...]:
@@ -444,6 +470,8 @@ def _verdict(
     why = ""
     if not limits_known or is_unused:
         pass
+    elif judged.unknown:
+        why = judged.unknown
     elif limited.exceedance is None:
         about = limited, judged.assessments, None if peak is None and not is_missing else alerts
         why = why_outcome_unknown(*about, flight.monitor.dt) or _why_frozen(

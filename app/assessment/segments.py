@@ -9,7 +9,6 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 
 from app.assessment.monitors_in_use import MonitorRuling, MonitorsInUse, needs_beginning
-from app.assessment.outcome import OUTCOMES
 from app.assessment.planned_test import PlannedTest
 from app.assessment.recorded import RecordedFlight
 from app.assessment.scored import MOST_MANOEUVRES
@@ -116,7 +115,8 @@ class Segment(NamedTuple):
     of the rest of a manoeuvre; None unless it comes into use after the beginning of one.
     ends_early: why its samples end within the manoeuvre; empty if they do not.
     unused: why no monitor of a set is in use; empty if one is.   part: number of its part of a
-    manoeuvre, from 0.   is_rest: nothing was flown in it, so nothing is assessed.
+    manoeuvre, from 0.   is_rest: no manoeuvre was detected in it, so nothing is
+    assessed.
     """
 
     name: str
@@ -199,7 +199,7 @@ def segments(
         return detected, (f"Manoeuvres detected by control activity: {len(detected)}.",)
     if is_flight:
         rest = _marked(recording, planned, recipe, entire)._replace(is_rest=True)
-        return (rest,), (f"{OUTCOMES['unassessed'].text.capitalize()}.",)
+        return (rest,), ()
     controls = [planned.dictionary.channels[c].label for c in planned.controls]
     note = "No control input detected"
     if np.isnan(recording.y[:, planned.controls]).all():

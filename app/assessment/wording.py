@@ -373,7 +373,8 @@ def _exceedance(manoeuvre: ScoredManoeuvre, dictionary: Dictionary, of_day: bool
         return "unknown"
     from_trim = [_place(exceedance, dictionary, of_day)] if exceedance else []
     recorded = [f"as recorded {_place(raw, dictionary, of_day)}"] if raw else []
-    return "; ".join(from_trim + recorded) or "none recorded"
+    none = "unknown" if manoeuvre.outcome == "unseen" else "none recorded"
+    return "; ".join(from_trim + recorded) or none
 
 
 def _place(exceedance: RecordedExceedance, dictionary: Dictionary, of_day: bool) -> str:

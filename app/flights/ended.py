@@ -9,7 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydantic import BaseModel
 
-from app.assessment.coverage import OK, WARMING_UP, why_alert_unknown, why_exceedance_unknown
+from app.assessment.coverage import (
+    OK,
+    WARMING_UP,
+    why_alert_unknown,
+    why_exceedance_unknown,
+    why_unflown_unknown,
+)
 from app.assessment.outcome import holes_in, outcome
 from app.assessment.planned_test import known_test
 from app.assessment.segments import too_short
@@ -260,9 +266,12 @@ def _of_manoeuvres(
     withdrawn = (stored.state == INVALID) & ~np.isin(stored.cause, LOST)
     state = np.where(withdrawn | (stored.state == STALE), OK, stored.state)
     edges = [0, *(1 + np.flatnonzero(np.diff(number))).tolist(), len(number)]
+    known = store.monitors.get(info.monitor_id)
     if not number.any():
-        return None
-    planned, before = known_test(store.monitors.get(info.monitor_id)), 0
+        why = missing(float(stored.t[0]), float(stored.t[-1]))
+        why = why or why_unflown_unknown(known, stored.t, stored.y)
+        return no_verdict("unseen", why) if why else None
+    planned, before = known_test(known), 0
     n_trim = round(planned.trim_segment_s / planned.dt)
     for first, stop in pairwise(edges):
         if not number[first]:

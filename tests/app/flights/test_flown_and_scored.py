@@ -10,6 +10,7 @@ from numpy.lib import recfunctions
 from sqlalchemy import select, update
 
 from app.assessment.outcome import OUTCOMES, verdict_of
+from app.assessment.wording import verdict
 from app.flights.ended import Record, records
 from app.store.assessments import UNKNOWN, chunk_of
 from app.store.datasets import to_blob
@@ -26,6 +27,7 @@ from tests.support.flown_and_scored import (
     doublets,
     flown_and_scored,
     in_order,
+    slow_monitor,
 )
 
 BEGINS = round(LEAD_IN_S / DT)
@@ -95,6 +97,7 @@ WORDS = pytest.mark.parametrize(
         ),
         (frozen_ny(), "DATA MISSING"),
         (at_rest(), "NOT ASSESSED"),
+        (with_channel(at_rest(), "delta_r", np.nan, 40, 80), "DATA MISSING"),
         (at_rest(0.7), "LIMIT EXCEEDED outside every manoeuvre, where nothing was assessed"),
     ],
     ids=[
@@ -107,6 +110,7 @@ WORDS = pytest.mark.parametrize(
         "beta_before_it",
         "frozen_Ny",
         "rest",
+        "rest_without_rudder",
         "exceeds_at_rest",
     ],
 )
@@ -241,3 +245,18 @@ def test_samples_at_rest_are_not_called_invalid(tmp_path: Path) -> None:
     (rest,) = flown_and_scored(tmp_path, in_order(at_rest())).scored.manoeuvres
     assert rest.guarantee == "No guarantee: no manoeuvre was flown."
     assert not any("invalid" in remark for remark in rest.remarks)
+
+
+@pytest.mark.parametrize("every", [3, 4])
+def test_of_too_few_samples_nothing_is_said_of_the_manoeuvre(tmp_path: Path, every: int) -> None:
+    """The monitor needs 20 Hz, so it detects no manoeuvre; but one was flown."""
+    arrivals = in_order(doublets(fail=False)[0])[::every]
+    both = flown_and_scored(tmp_path, arrivals)
+    assert words(both) == ("DATA MISSING", "DATA MISSING")
+    (manoeuvre,) = both.scored.manoeuvres
+    lines = [*manoeuvre.validity.reasons, *manoeuvre.remarks, *both.scored.notes]
+    assert any(f"{20 / every:.4g} Hz" in line and "send at 20 Hz" in line for line in lines)
+    assert not any("amplitude" in line or "no manoeuvre" in line for line in lines)
+    assert manoeuvre.amplitude is None
+    printed = "\n".join(verdict(slow_monitor(), both.scored))
+    assert "none recorded" not in printed
