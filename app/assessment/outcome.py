@@ -350,9 +350,10 @@ def outcome(
 def warned_at(alert_t: float, shown: float, exceeded_t: float, arrived: float) -> float:
     """Time that an alert counts from [s]: when it was shown, however old its sample was by then.
 
-    alert_t, exceeded_t: of the samples [s].   shown, arrived: of both, by another clock [s].
+    alert_t, exceeded_t: of the samples [s].   shown: of the alert, by another clock [s].   arrived:
+    when the exceedance arrived, or would have without lag, by that clock [s].
     """
-    return max(alert_t, exceeded_t - max(0.0, arrived - shown))
+    return max(alert_t, exceeded_t - (arrived - shown))
 
 
 def lead_words(lead: float) -> str:

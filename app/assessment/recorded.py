@@ -22,6 +22,7 @@ from app.assessment.grid import (
     missing_after,
 )
 from app.assessment.input_checks import FrozenPart, frozen_parts
+from app.assessment.lag import Lag
 from app.assessment.limits_history import (
     InForceTimeline,
     LimitsHistory,
@@ -146,7 +147,11 @@ class RecordedFlight:
         shown = self.grid.shown
         if shown is None or exceedance is None or exceedance.arrived is None:
             return tuple(alerts)
-        t, arrived = exceedance.t, exceedance.arrived
+        t, lag = exceedance.t, Lag(self.promised)
+        for row, at in zip(self.recording.t.tolist(), shown.tolist(), strict=True):
+            if at <= exceedance.arrived:
+                lag.note(at, row)
+        arrived = lag.due(t, exceedance.arrived)
         rows = np.searchsorted(self.recording.t, [begin for begin, _ in alerts])
         return tuple(
             sorted(

@@ -18,6 +18,7 @@ from app.assessment.grid import (
     Sample,
 )
 from app.assessment.input_checks import Doubt, InputChecks, TrimCheck
+from app.assessment.lag import Lag
 from app.assessment.monitors_in_use import (
     MonitorRuling,
     MonitorsInUse,
@@ -85,7 +86,8 @@ class ReceivedExceedance(NamedTuple):
     t: flight time [s].   is_dated: False if the source's time is implausible; t is by arrival.
     y: (n_channels,) from trim, NaN where that is unknown.   recorded: the same including trim.
     limits: that it exceeds.   beyond: see Ruling.   is_plausible: False if `recorded` is a value
-    that no aircraft can reach; y is then NaN there.   arrived: [s] of the clock of arrivals.
+    that no aircraft can reach; y is then NaN there.   arrived: when it arrived, or would have
+    without lag [s], on the clock of arrivals.
     """
 
     t: float
@@ -232,6 +234,7 @@ class CausalScorer:
         self._conditions = ConditionHold()
         self._contradiction: tuple[Doubt, ...] = ()
         self._exceedances: list[ReceivedExceedance] = []
+        self.lag = Lag(self.lead)
         self.zero = np.inf
         """arrival time less sample time of the fastest sample [s]"""
         self._authority = GridMonitor(monitor, epsilon)
@@ -313,7 +316,7 @@ class CausalScorer:
         if sample.condition is not None:
             self._conditions.note(sample.t, sample.condition)
         n_steps = self._grid.n_clock_steps
-        settled = self._grid.push(arrived, sample)
+        settled = self._settled(self._grid.push(arrived, sample))
         t, is_dated = self._grid.pushed_at
         if is_dated:
             self.zero = min(self.zero, arrived - t)
@@ -324,11 +327,12 @@ class CausalScorer:
             limits, beyond = ruling.limits, ruling.beyond
         if limits is not None:
             y = sample.y if self._trim is None else sample.y - self._trim.level
+            due = self.lag.due(t, arrived) if is_dated else arrived
             if limits.exceeds(y) or (y is not sample.y and limits.exceeds(sample.y)):
-                about = y, sample.y, limits, beyond, True, arrived
+                about = y, sample.y, limits, beyond, True, due
                 self._exceedances.append(ReceivedExceedance(t, is_dated, *about))
             elif sample.sent is not None and limits.exceeds(sample.sent):
-                about = y, sample.sent, limits, beyond, False, arrived
+                about = y, sample.sent, limits, beyond, False, due
                 self._exceedances.append(ReceivedExceedance(t, is_dated, *about))
         if self._grid.n_clock_steps > n_steps:
             self._checks.restart()
@@ -341,7 +345,12 @@ class CausalScorer:
 
     def advance(self, now: float) -> list[LiveAssessed]:
         """Return the samples settled at time `now` of the clock of arrivals."""
-        return [*map(self._assess, self._grid.advance(now))]
+        return [*map(self._assess, self._settled(self._grid.advance(now)))]
+
+    def _settled(self, samples: list[Sample]) -> list[Sample]:
+        if samples:
+            self.lag.note(samples[-1].shown, samples[-1].t)
+        return samples
 
     def begin(self) -> bool:
         """Begin a manoeuvre with the next sample, by hand. Returns False during a manoeuvre."""

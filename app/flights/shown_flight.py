@@ -11,10 +11,10 @@ import numpy as np
 
 from app.assessment.grid import IntegratedAngles
 from app.assessment.input_checks import Doubt
+from app.assessment.lag import Lag
 from app.assessment.rulings import InForceFrom, Ruling
 from app.assessment.scorer import LiveAssessed, ReceivedExceedance, rescored
 from app.flights.flight import stale_after
-from app.flights.sources.lag import Lag
 from app.flights.sources.live import LiveSetup
 from app.flights.sources.playback import Angles, StoredScript, onsets
 from app.flights.sources.simulated import SourceError

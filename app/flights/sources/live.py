@@ -33,11 +33,17 @@ from app.flights.clock import Clock
 from app.flights.display_monitors import DisplayMonitor
 from app.flights.flight import MARKERS_KEPT, Angles, Flight, FlightPlan, stale_after
 from app.flights.recorder import JOURNALLED_S, Recorder
-from app.flights.sources.lag import Lag
 from app.flights.sources.simulated import SourceError
 from app.flights.sources.udp import UdpAccess, UdpReceiver
 from app.flights.transport import NotPossible
-from app.messages import ConditionSignal, LiveChange, LiveStatus, ManoeuvreBegun, TransportState
+from app.messages import (
+    ConditionSignal,
+    LateInterval,
+    LiveChange,
+    LiveStatus,
+    ManoeuvreBegun,
+    TransportState,
+)
 from app.telemetry.journal import Journal, JournalFull, Journals
 from app.telemetry.readers.journal import CALL
 from app.telemetry.recording import TelemetryError
@@ -182,7 +188,6 @@ class LiveFlight(Flight):
         self._sender: str | None = None
         self._known_batches = KnownBatches()
         self._last_sequence: int | None = None
-        self._lag = Lag(self.scorer.lead)
         self._n_malformed = self._n_batches = self._n_resumed = 0
         self._refused = ""
         self._begun: deque[ManoeuvreBegun] = deque(maxlen=BEGUN_KEPT)
@@ -206,12 +211,12 @@ class LiveFlight(Flight):
         return LiveStatus(
             delay=self.scorer.delay,
             interval=self.scorer.interval if self._has_begun else None,
-            lag=round(self._lag.now, 3),
+            lag=round(self.scorer.lag.now, 3),
             manoeuvre=self.scorer.manoeuvre,
             trim=self._setup.trim,
             begun=self.begun,
             trims=self.trims,
-            late=list(self._lag.intervals),
+            late=[LateInterval(**each._asdict()) for each in self.scorer.lag.intervals],
             resumed=self._n_resumed,
             time_zero=self._time_zero(),
             needed=self.needed,
@@ -229,7 +234,7 @@ class LiveFlight(Flight):
             unread=list(self._unread),
             udp=self._udp.address if self._udp else None,
             problem=self._journal.problem if self._journal else "",
-            drift=round(self._lag.drift * 1e6),
+            drift=round(self.scorer.lag.drift * 1e6),
             doubts=[doubt.reason for doubt in self.doubts],
         )
 
@@ -541,8 +546,6 @@ class LiveFlight(Flight):
         self._n_resumed += line.get("e") == "resumed"
         settled = replay_line(line, self.scorer, self._setup.reader)
         self._received += self.scorer.pop_exceedances()
-        if settled:
-            self._lag.note(line["a"], settled[-1].assessment.t)
         return settled
 
     def _note_batch(self, sequence: int | None, values: bytes) -> None:
@@ -624,7 +627,7 @@ class LiveFlight(Flight):
         return ConditionSignal(key=key, name=name, label=CONDITIONS[key].label, unit=unit)
 
     def _taken(self, t: float) -> float:
-        return self._began + self._lag.taken(t)
+        return self._began + self.scorer.lag.taken(t)
 
     def _forecast_ahead(self) -> Ahead | None:
         return None if self.is_restoring else self.scorer.forecast_ahead()
@@ -637,8 +640,7 @@ class LiveFlight(Flight):
     def _fly_all(self, assessed: list[LiveAssessed], now: float) -> None:
         if not assessed:
             return
-        self._lag.note(now - self._began, assessed[-1].assessment.t)
-        self._late = self._lag.reason
+        self._late = self.scorer.lag.reason
         known = self._newest_manoeuvre, self.trims
         for sample in assessed:
             self._judge_received(sample.assessment.t)
@@ -669,6 +671,8 @@ class LiveFlight(Flight):
         t = assessed.assessment.t
         exceeded = exceeded_at(t, self._keys, limits, judged, recorded)
         exceeded = exceeded or self._goes_on(t, recorded)
+        if exceeded is not None:
+            exceeded = exceeded._replace(arrived=self.scorer.lag.due(t, assessed.shown))
         return assessed.y, assessed.assessment, exceeded, assessed.shown_attitude(self._display)
 
     def _goes_on(self, t: float, recorded: Array) -> Exceeded | None:

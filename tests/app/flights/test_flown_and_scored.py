@@ -183,6 +183,17 @@ def test_a_late_link_gives_the_flight_and_its_scoring_one_lead(tmp_path: Path) -
     assert assert_same_warning(flown_and_scored(tmp_path / "late", late(y, link))) < even - 0.1
 
 
+def test_a_lag_that_lasts_counts_as_if_the_exceedance_had_come_at_once(tmp_path: Path) -> None:
+    y = doublets(fail=True)[0]
+    even = assert_same_warning(flown_and_scored(tmp_path / "even", in_order(y)))
+    link = np.where(np.arange(len(y)) < BEGINS, 0.0, 0.2)
+    lagging = assert_same_warning(flown_and_scored(tmp_path / "lagging", late(y, link)))
+    assert lagging == pytest.approx(even - 0.2, abs=0.01)
+    missed = flown_and_scored(tmp_path / "missed", late(y, (even + 0.1) / 0.2 * link))
+    assert words(missed)[1] == "LIMIT EXCEEDED, missed: no alert before the limit"
+    assert words(missed)[0] == words(missed)[1].split(":")[0]
+
+
 def test_an_alert_in_another_manoeuvre_warns_of_nothing(tmp_path: Path) -> None:
     y = np.concatenate([doublets(fail=False)[3], doublets(fail=True)[1]])
     both = flown_and_scored(tmp_path, in_order(y))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.flights.sources.lag import MOST_DRIFT, PART_S, PARTS, Lag
+from app.assessment.lag import MOST_DRIFT, PART_S, PARTS, Lag
 
 LATE = 0.4
 HOUR = np.arange(0.0, 3600.0, 0.5)

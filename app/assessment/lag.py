@@ -2,16 +2,22 @@
 
 from collections import deque
 from math import inf
+from typing import NamedTuple
 
 import numpy as np
-
-from app.messages import LateInterval
 
 PART_S, PARTS = 60.0, 3
 """The best arrival of each part [s] counts for the drift; fewer parts give none."""
 INTERVALS_KEPT = 50
 MOST_DRIFT = 1e-4
 """Clocks differ by less. Ages that grow faster are those of late samples."""
+
+
+class Late(NamedTuple):
+    """Times between which samples came late [s]. end: None while they do."""
+
+    start: float
+    end: float | None
 
 
 class Lag:
@@ -27,7 +33,7 @@ class Lag:
         self._parts: dict[int, tuple[float, float]] = {}
         self._part = -1
         self._best, self._arrived = inf, 0.0
-        self.intervals = deque[LateInterval](maxlen=INTERVALS_KEPT)
+        self.intervals = deque[Late](maxlen=INTERVALS_KEPT)
         self._t = 0.0
 
     @property
@@ -49,14 +55,18 @@ class Lag:
         self._best, self._arrived = min(self._best, age - self.drift * arrived), arrived
         self.now = arrived - self.taken(t)
         if self.reason and not was_late:
-            self.intervals.append(LateInterval(start=self._t, end=None))
+            self.intervals.append(Late(self._t, None))
         elif was_late and not self.reason:
-            self.intervals[-1] = LateInterval(start=self.intervals[-1].start, end=t)
+            self.intervals[-1] = Late(self.intervals[-1].start, t)
         self._t = t
 
     def taken(self, t: float) -> float:
         """Time at which a sample of t was taken, on the clock of arrivals [s]."""
         return t if self._best == inf else t + self._best + self.drift * self._arrived
+
+    def due(self, t: float, arrived: float) -> float:
+        """When a sample of t that arrived late [s] would have arrived without lag."""
+        return arrived if self._best == inf else min(arrived, self.taken(t))
 
     def _estimate_drift(self) -> None:
         """Least squares over the best arrivals of the parts so far."""
