@@ -11,7 +11,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from app.campaigns.point import CampaignError, Condition, Event, FlownPoint, Point, State
+from app.campaigns.point import (
+    CampaignError,
+    Condition,
+    Event,
+    FlownPoint,
+    Point,
+    State,
+    is_same_flight,
+)
 from app.recipes.recipes import RecipeError, default_test, from_plain, read_plain, to_plain
 from core.bounds import quoted
 from core.clearance.clearance import BuildUp, ClearanceRecipe
@@ -252,7 +260,7 @@ class Campaign:
     def completed(self, flown: FlownPoint, by: str) -> "Campaign":
         number, point = self.next
         for other in self.points:
-            if other.flown and other.flown.y == flown.y:
+            if other.flown and is_same_flight(other.flown, flown):
                 raise CampaignError(
                     f"{flown.source} has the samples of {other.name!r}: attach the recording of "
                     f"{point.name!r}"

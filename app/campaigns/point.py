@@ -198,6 +198,26 @@ def percent_at_most(share: float) -> str:
     return f"{ceil(1e4 * share - 1e-9) / 100:.2f} %"
 
 
+SAME, SHIFTED = 0.02, 4
+"""Samples of one flight agree within this share of each channel's peak; cut out twice, they are
+shifted by at most one in so many of its samples."""
+
+
+def is_same_flight(a: FlownPoint, b: FlownPoint) -> bool:
+    """Whether two points have the samples of one flight, from whatever trim and first sample."""
+    one, other = samples_of(a), samples_of(b)
+    if one.ndim != 2 or one.shape[1:] != other.shape[1:]:
+        return False
+    most = SAME * np.abs(other).max(axis=0)
+    for shift in range(-len(one) // SHIFTED, len(one) // SHIFTED + 1):
+        first, second = one[max(shift, 0) :], other[max(-shift, 0) :]
+        n = min(len(first), len(second))
+        gap = first[:n] - second[:n]
+        if (np.abs(gap - np.median(gap, axis=0)) <= most).all():
+            return True
+    return False
+
+
 def samples_of(point: FlownPoint) -> Array:
     """(n_samples, n_channels) of a flown point."""
     return np.array(point.y, np.float64)
