@@ -306,6 +306,9 @@ class LimitsStatus(FlightLimits):
     """why they are unknown; empty if known"""
     since: float | None
     """time of the first sample under them [s], as in LimitsFrom; null: all"""
+    widest: dict[str, SafeInterval]
+    """by channel, the limits that every case of the set is within, where those in force are
+    unknown: only what is beyond them exceeds; else empty"""
 
 
 class SetCondition(Message):

@@ -7,9 +7,9 @@ in use while its own condition holds. Between the conditions of the set, and whe
 unknown, none is applicable; what is beyond the limits of each of them still exceeds.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -23,8 +23,6 @@ from core.monitor.assessment import Cause
 from core.monitor.monitor_set import MonitorSet
 from core.monitor.status import NOT_APPLICABLE
 from core.types import Array
-
-BEYOND_ALL = "beyond the limit of every monitor of the set"
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +78,7 @@ def needs_beginning(monitor: Monitor, case: str, t: float) -> str:
 class MonitorRuling(Ruling):
     """Which monitor of a set is in use for a sample. used: number of its case; None for none."""
 
+    member: ClassVar[str] = "monitor"
     in_use: MonitorsInUse
     used: int | None
 
@@ -96,10 +95,6 @@ class MonitorRuling(Ruling):
     @property
     def monitor_name(self) -> str:
         return "" if self.used is None else self.in_use.names[self.used]
-
-    @property
-    def beyond(self) -> str:
-        return BEYOND_ALL if self.limits is not None and self.specification is None else ""
 
 
 class MonitorsRule(ConditionRule[MonitorRuling]):
@@ -120,15 +115,6 @@ class MonitorsRule(ConditionRule[MonitorRuling]):
         if all(other.specification == first.specification for other in others):
             limits = first.envelope, first.specification
         else:
-            limits = _widest(members), None
+            limits = Envelope.widest([each.envelope for each in members]), None
         reasons = (f"{NOT_APPLICABLE}: {reason}",)
         return MonitorRuling(*limits, "", reasons, Cause.NOT_APPLICABLE, self._in_use, None)
-
-
-def _widest(monitors: Sequence[Monitor]) -> Envelope | None:
-    """What is beyond it exceeds the limits of each; None where they limit no channel together."""
-    envelopes = [each.envelope for each in monitors if each.envelope is not None]
-    if len(envelopes) < len(monitors):
-        return None
-    widest = Envelope.widest(envelopes)
-    return widest if widest.limited.any() else None

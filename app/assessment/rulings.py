@@ -1,7 +1,8 @@
 """What applies to a sample at its flight condition: the limits, and the monitors they suit.
 
 A monitor's own limits never change: its guarantee holds for them alone. Where other limits are in
-force the monitor is not applicable. Where the limits in force are unknown, nothing is assessed.
+force the monitor is not applicable. Where the limits in force are unknown, nothing is assessed;
+what is beyond the limits of every case of the set still exceeds.
 """
 
 from abc import ABC, abstractmethod
@@ -9,7 +10,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 from app.telemetry.targets import check_limits
 from core.channels import LATERAL
@@ -43,8 +44,11 @@ class Ruling:
     limits: what exceedances are judged by, None where unknown.   specification: the limits in
     force, None where unknown.   case: name of the flight condition; empty where there is none.
     reasons: for each monitor, why it is not applicable; empty where it is.   cause: of these.
-    beyond: what an exceedance is beyond, where the limits in force are unknown; else empty.
+    widest: of the set, beyond which alone a value exceeds where the limits in force are unknown;
+    else None.   beyond: the same in words; empty for None.   member: what the set has of each case.
     """
+
+    member: ClassVar[str] = "case"
 
     limits: Envelope | None
     specification: Specification
@@ -53,8 +57,12 @@ class Ruling:
     cause: Cause
 
     @property
+    def widest(self) -> Envelope | None:
+        return self.limits if self.specification is None else None
+
+    @property
     def beyond(self) -> str:
-        return ""
+        return "" if self.widest is None else f"beyond the limit of every {self.member} of the set"
 
     def apply(
         self, assessment: Assessment, display: Sequence[Assessment] = ()
@@ -221,7 +229,7 @@ class LimitsRuling(Ruling):
     @property
     def reason(self) -> str:
         """Why the limits are unknown; empty where they are known."""
-        return self.reasons[0] if self.limits is None else ""
+        return self.reasons[0] if self.specification is None else ""
 
 
 class LimitsRule(ConditionRule[LimitsRuling]):
@@ -250,7 +258,8 @@ class LimitsRule(ConditionRule[LimitsRuling]):
 
     def _without(self, reason: str) -> LimitsRuling:
         reasons = (f"{LIMITS_UNKNOWN}: {reason}",) * len(self._own)
-        return LimitsRuling(None, None, "", reasons, Cause.LIMITS_UNKNOWN, self.in_force)
+        widest = Envelope.widest([case.limits.envelope for case in self.in_force.limits.cases])
+        return LimitsRuling(widest, None, "", reasons, Cause.LIMITS_UNKNOWN, self.in_force)
 
 
 def check_plausible(limits: LimitSet) -> None:

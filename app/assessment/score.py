@@ -457,8 +457,8 @@ def _verdict(
         result, lead = "unknown", None
     elif not warned and (withdrawal is not None or _was_silent(judged)):
         result, lead = "invalid", None
-    elif limited.exceedance is None and own is not None and own.exceedance is not None:
-        result, lead = "invalid", None  # the alert was about limits no longer in force
+    elif limited.exceedance is None and (_were_unknown(judged) or (own and own.exceedance)):
+        result, lead = "invalid", None  # the alert was about limits that may not be in force
     elif judged.segment.is_rest:
         result, lead = "unassessed", None
     elif peak is None and lead is None:
@@ -532,6 +532,11 @@ def _why_frozen(flight: RecordedFlight, limited: Limited, t: Array) -> str:
         if not keys.isdisjoint(part.channels) and part.start <= t[-1] and part.end >= t[0]
     )
     return next(reasons, "")
+
+
+def _were_unknown(judged: JudgedSegment) -> bool:
+    """Whether the limits of a limit set were unknown, for a part of it."""
+    return judged.own is not None and any(each["limits"] is None for each in judged.in_force)
 
 
 def _was_silent(judged: JudgedSegment) -> bool:

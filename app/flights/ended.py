@@ -14,6 +14,7 @@ from app.assessment.coverage import (
     WARMING_UP,
     why_alert_unknown,
     why_exceedance_unknown,
+    why_limits_unknown,
     why_unflown_unknown,
 )
 from app.assessment.outcome import holes_in, outcome
@@ -53,6 +54,7 @@ RUNNING = "running"
 NO_SAMPLE: NewestState = STATES.index(State.WARMING_UP), "no sample came", None
 """Of a flight that ended before its first sample."""
 INVALID, STALE = STATES.index(State.INVALID), STATES.index(State.STALE)
+LIMITS_UNKNOWN = CAUSES.index(Cause.LIMITS_UNKNOWN)
 LOST, REST = ([CAUSES.index(cause) for cause in causes] for causes in (DATA_MISSING, RESTS))
 
 
@@ -257,7 +259,7 @@ def _of_manoeuvres(
     alarms: Sequence[Alarm],
     missing: Callable[[float, float], str],
 ) -> Verdict | None:
-    """The verdict on a live flight whose samples were not all assessed, or end too early.
+    """The verdict on a live flight without all samples or limits, or that ends too early.
 
     missing: why an exceedance between two times [s] would not have been seen; empty if it would.
     """
@@ -282,6 +284,9 @@ def _of_manoeuvres(
             why = why_alert_unknown(stored.t[first:stop], state[first:stop], monitor.dt)
         if why:
             return no_verdict("unseen", why)
+        unknown = stored.cause[first:stop] == LIMITS_UNKNOWN
+        if why := why_limits_unknown(stored.t[first:stop], unknown):
+            return no_verdict("invalid", why)
         if stop < len(number):
             continue
         if why := too_short(stop - 1 - first - (0 if (number == 0).any() else n_trim), planned):

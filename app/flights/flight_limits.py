@@ -74,8 +74,7 @@ class InForce:
         ruling = self.ruling
         if not isinstance(ruling, MonitorRuling):
             return set_status(self._monitors, "", NO_SAMPLE)
-        widest = ruling.limits if ruling.beyond else None
-        return set_status(self._monitors, ruling.case, ruling.reason, widest)
+        return set_status(self._monitors, ruling.case, ruling.reason, ruling.widest)
 
     @property
     def limits(self) -> Envelope | None:
@@ -178,6 +177,7 @@ def status_of(ruling: LimitsRuling, since: float | None) -> LimitsStatus:
     """The limits in force as sent. since: time of their first sample [s]; None for all."""
     limits: Any = specification_to_plain(ruling.specification)
     about = {"case": ruling.case, "limits": limits, "reason": ruling.reason, "since": since}
+    about["widest"] = {} if ruling.widest is None else ruling.widest.intervals(LATERAL.keys)
     return LimitsStatus(**about, **vars(to_store(ruling.in_force)))
 
 

@@ -48,10 +48,17 @@ class Envelope(NamedTuple):
         return first_exceedance(y, trim, self.low, self.high)
 
     @classmethod
-    def widest(cls, envelopes: Sequence["Envelope"]) -> "Envelope":
-        """Each channel's loosest bounds: what exceeds them exceeds each of the envelopes."""
-        low, high, rest = (np.array(each) for each in zip(*envelopes, strict=True))
-        return cls(low.min(axis=0), high.max(axis=0), rest[0])
+    def widest(cls, envelopes: Sequence["Envelope | None"]) -> "Envelope | None":
+        """Each channel's loosest bounds: what exceeds them exceeds each of the envelopes.
+
+        None where one is unknown, or they limit no channel in common.
+        """
+        known = [each for each in envelopes if each is not None]
+        if len(known) < len(envelopes):
+            return None
+        low, high, rest = (np.array(each) for each in zip(*known, strict=True))
+        widest = cls(low.min(axis=0), high.max(axis=0), rest[0])
+        return widest if widest.limited.any() else None
 
     @property
     def limited(self) -> Flags:

@@ -59,9 +59,9 @@ export function createFlightLimits(element, { api, path }) {
     const unknown = between || (limits !== null && limits.limits === null);
     element.hidden = limits === null && change.hidden && known !== "";
     element.toggleAttribute("data-unknown", unknown);
+    const beyond = unknown ? beyondAll(channels, ...(between ? [set.widest, "monitor"] : [limits.widest, "case"])) : "";
     if (between) {
-      const widest = limitsInWords(withLimits(channels, set.widest));
-      words.replaceChildren(h("strong", {}, "◆ LIMITS UNKNOWN: "), `${BETWEEN} `, formatted(widest ? `Exceedances are detected beyond the limit of every monitor of the set: ${widest}.` : "Its monitors limit no channel in common: exceedances are not detected."));
+      words.replaceChildren(h("strong", {}, "◆ LIMITS UNKNOWN: "), `${BETWEEN} `, formatted(beyond));
       return;
     }
     if (limits === null) {
@@ -73,12 +73,18 @@ export function createFlightLimits(element, { api, path }) {
     words.title = title;
     words.replaceChildren(
       h("strong", {}, unknown ? "◆ LIMITS UNKNOWN: " : "Limits in force: "),
-      formatted(unknown ? `${whyUnknown(limits)} · ${version}` : `${version}, ${limits.case}: ${known}`),
+      formatted(unknown ? `${whyUnknown(limits)}. ${beyond} · ${version}` : `${version}, ${limits.case}: ${known}`),
       h("span", { class: "dim" }, ` · put in force by ${limits.by} at ${secondsText(limits.t)}`),
     );
   }
 
   return { show };
+}
+
+function beyondAll(channels, limits, member) {
+  const widest = limitsInWords(withLimits(channels, limits));
+  if (widest === "") return `The ${member}s of the set limit no channel in common: exceedances are not detected.`;
+  return `Exceedances are detected beyond the limit of every ${member} of the set: ${widest}.`;
 }
 
 export function limitsNote(inForce) {

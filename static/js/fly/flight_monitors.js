@@ -27,7 +27,7 @@ export function inUse({ monitor, monitor_set: set = null }) {
 }
 
 export function withoutLimits({ limits, channels, monitor_set: set = null }) {
-  if (limits !== null && limits.limits === null) return { why: `LIMITS UNKNOWN: ${whyUnknown(limits)}`, widest: {} };
+  if (limits !== null && limits.limits === null) return { why: `LIMITS UNKNOWN: ${whyUnknown(limits)}`, widest: limits.widest };
   if (set === null || set.case !== "") return { why: "", widest: null };
   return { why: `NO MONITOR IN USE: ${whyOf(set)}`, widest: limitsInWords(channels) === "" ? set.widest : null };
 }

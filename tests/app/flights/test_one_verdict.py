@@ -115,6 +115,44 @@ def test_one_from_trim_follows_one_as_recorded_without_a_break(range_: Range) ->
     assert "as recorded, a limit was exceeded before it was from trim" in report
 
 
+@pytest.mark.parametrize("ny", [0.7, 0.48])
+def test_a_peak_at_unknown_limits_is_never_calm(range_: Range, ny: float) -> None:
+    """The limits are 0.5 or 0.45 g by Mach, which is unknown at the peak alone."""
+    client, flight = range_.client, range_.start(f"peak of {ny} g", trim="detected")
+    cases = [
+        {"name": "low", "ranges": {"mach": [None, 0.8]}, "limits": {"Ny": 0.5}},
+        {"name": "high", "ranges": {"mach": [0.8, None]}, "limits": {"Ny": 0.45}},
+    ]
+    limits = client.post("/api/v1/limit-sets", json={"name": f"{ny} g", "cases": cases}).json()
+    asked = {"limit_set": limits["limit_set"], "by": "Ann"}
+    client.put(f"{FLIGHTS}/{flight}/limits", json=asked).raise_for_status()
+    for k, row in enumerate(with_ny((60, ny)).tolist()):
+        y = {key: [value] for key, value in zip(KEYS, row, strict=True)}
+        range_.push(flight, k, **y, mach=[None if 58 <= k <= 62 else 0.6])
+    range_.end(flight)
+    alarms = client.get(f"{FLIGHTS}/{flight}/alarms").json()
+    for alarm in alarms:
+        path = f"{FLIGHTS}/{flight}/alarms/{alarm['id']}/acknowledge"
+        client.post(path, json={"by": "Ann"}).raise_for_status()
+    ended = client.get(f"{FLIGHTS}/{flight}").json()
+    recording = range_.recording_of(flight)["id"]
+    request = {"monitor": range_.monitor, "epsilon": ended["epsilon"]}
+    scoring = client.post(f"{RECORDINGS}/{recording}/scorings", json=request).json()
+    (manoeuvre,) = scoring["manoeuvres"]
+    assert ended["level"] == "caution"
+    if ny < 0.5:
+        why = "INVALID: limits unknown from 2.90 to 3.10 s"
+        assert ended["verdict"]["text"].startswith(why)
+        assert (ended["status"], manoeuvre["outcome"]) == ("caution", "invalid")
+        return
+    (of_limit,) = [alarm for alarm in alarms if alarm["kind"] == "limit"]
+    assert of_limit["reason"].startswith("beyond the limit of every case of the set")
+    assert of_limit["t"] == manoeuvre["exceedance"]["t"] == ended["exceeded_t"]
+    assert of_limit["exceedance"]["limit"] == manoeuvre["exceedance"]["limit"] == 0.5
+    worded = manoeuvre["verdict"]["word"]
+    assert WARNED.sub("", ended["verdict"]["text"]) == WARNED.sub("", worded)
+
+
 def assert_one_verdict(ended: dict[str, Any], scoring: dict[str, Any]) -> None:
     """The verdict of an ended flight is that of the only manoeuvre, or of what is outside it."""
     (manoeuvre,) = scoring["manoeuvres"]
