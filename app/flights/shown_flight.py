@@ -106,6 +106,13 @@ class ShownFlight(StoredScript):
         """Each by the limits in force when it was received."""
         return self._received.get(k, ())
 
+    @property
+    def exceeded_t(self) -> float | None:
+        """First exceedance [s]: of the sensor's samples, else of those on the grid."""
+        received = [each.t for due in self._received.values() for each in due]
+        on_grid = self.samples["t"][self.exceedances].tolist()
+        return min(received or on_grid, default=None)
+
     def attitude(self, k: int) -> Angles:
         """As received; missing angles are integrated from the rates."""
         phi, theta, psi = self.samples["attitude"][k].tolist()

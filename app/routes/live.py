@@ -189,7 +189,6 @@ def _answer(
     is_own = is_own and has_set == (opening.monitors is not None)
     samples, n = shown.samples, len(shown.samples)
     stop, following = frame_range(first, last, n)
-    exceeded = shown.exceedances[:1]
     return {
         "flight": flight_id,
         "monitor": opening.monitor_id if opening.monitors is None else None,
@@ -202,7 +201,7 @@ def _answer(
             {"start": start, "end": end}
             for start, end in alert_times(samples["t"], samples["alert"])
         ],
-        "exceeded_t": float(samples["t"][exceeded[0]]) if len(exceeded) else None,
+        "exceeded_t": shown.exceeded_t,
         "first": first,
         "next": following,
         "frames": [
