@@ -5,11 +5,13 @@ ones, leave the outcome unknown; a single lost sample does not.
 """
 
 from collections.abc import Sequence
+from math import isnan, nan
 from typing import NamedTuple
 
 import numpy as np
 
 from app.assessment.grid import missing_after
+from app.assessment.input_checks import Doubt
 from app.assessment.outcome import (
     Alerts,
     Hole,
@@ -20,16 +22,18 @@ from app.assessment.outcome import (
     runs,
 )
 from app.assessment.planned_test import needed_channels
-from core.kernels.causal_grid import RATE_RATIO
+from core.kernels.causal_grid import GAP_RATIO, RATE_RATIO
 from core.limits.exceedance import NOT_PLAUSIBLE, SAME_TIME
-from core.monitor import Assessments, Monitor
-from core.monitor.assessment import STATES, State
+from core.monitor import Assessment, Assessments, Monitor
+from core.monitor.assessment import DATA_MISSING, STATES, State
+from core.monitor.status import Level
 from core.types import Array, Flags, Indices
 
 MOST_LOST = 2
 """Monitor samples that may be missing in a row, not counting the warm-up after them."""
 MOST_SHARE = 0.05
 """Share of the samples, or of the time, that may be missing in total."""
+MAY_HAVE_EXCEEDED = "a limit may have been exceeded there"
 WARMING_UP, OK = STATES.index(State.WARMING_UP), STATES.index(State.OK)
 
 
@@ -70,7 +74,7 @@ def why_exceedance_unknown(holes: Sequence[Hole], length: float, dt: float) -> s
     """
     if (longest := _most_missing(holes, length, dt)) is None:
         return ""
-    return f"{_in_words(longest, holes)}; a limit may have been exceeded there"
+    return f"{_in_words(longest, holes)}; {MAY_HAVE_EXCEEDED}"
 
 
 def _most_missing(holes: Sequence[Hole], length: float, dt: float) -> Hole | None:
@@ -118,7 +122,7 @@ def why_outcome_unknown(
     """
     if limited.implausible is not None:
         channel, at = limited.implausible
-        return f"{channel} at {at:.2f} s is {NOT_PLAUSIBLE}; a limit may have been exceeded there"
+        return f"{channel} at {at:.2f} s is {NOT_PLAUSIBLE}; {MAY_HAVE_EXCEEDED}"
     length = float(assessments.t[-1] - assessments.t[0])
     if why := why_exceedance_unknown(limited.holes, length, dt):
         return f"data missing: {why}"
@@ -133,7 +137,7 @@ def why_alert_unknown(t: Array, state: Indices, dt: float) -> str:
     """
     t, lost, absent = lost_samples(t, state, dt)
     missing = _longest_run(absent)
-    if missing[1] - missing[0] <= MOST_LOST and lost.sum() <= MOST_SHARE * len(lost):
+    if _is_enough(missing[1] - missing[0], int(lost.sum()), len(lost)):
         return ""
     begin, end = _longest_run(lost)
     return (
@@ -152,8 +156,52 @@ def why_limits_unknown(t: Array, unknown: Flags) -> str:
     begin, end = _longest_run(unknown)
     return (
         f"limits unknown from {t[begin]:.2f} to {t[end - 1]:.2f} s, {unknown.sum()} of "
-        f"{len(unknown)} samples in total; a limit may have been exceeded there"
+        f"{len(unknown)} samples in total; {MAY_HAVE_EXCEEDED}"
     )
+
+
+class CoverageSoFar:
+    """The rule of `why_alert_unknown` in the manoeuvre in progress, one sample at a time.
+
+    dt: of the monitor [s].   n_planned: samples of the planned manoeuvre, 0 if unknown: so long as
+    it has fewer, their share is of these.
+    """
+
+    def __init__(self, dt: float, n_planned: int) -> None:
+        self._dt, self._n_planned = dt, n_planned
+        self._newest = nan
+        self.doubts: tuple[Doubt, ...] = ()
+        self._start(0, nan)
+
+    def _start(self, manoeuvre: int, known: float) -> None:
+        self._manoeuvre, self._has_begun = manoeuvre, False
+        self._n = self._n_lost = self._in_row = self._most = 0
+        self._known = known
+        self._doubt = self.doubts = ()
+
+    def note(self, assessment: Assessment, manoeuvre: int) -> None:
+        """Add the next sample. manoeuvre: its number; 0 for none."""
+        t = assessment.t
+        before, self._newest = t if isnan(self._newest) else self._newest, t
+        if manoeuvre != self._manoeuvre:
+            self._start(manoeuvre, before)
+        if not manoeuvre:
+            return
+        absent = round((t - before) / self._dt) - 1 if t - before > GAP_RATIO * self._dt else 0
+        is_missing = assessment.cause in DATA_MISSING
+        is_filling = assessment.state is State.WARMING_UP
+        self._has_begun |= not is_filling
+        self._n += 1 + absent
+        self._n_lost += absent + (is_missing or (is_filling and self._has_begun))
+        self._in_row += absent + is_missing
+        if self._in_row >= max(self._most, 1):
+            self._most = self._in_row
+            why = f"no sample from {self._known:.2f} to {t:.2f} s; {MAY_HAVE_EXCEEDED}"
+            self._doubt = (Doubt(None, Level.CAUTION, self._known, f"data missing: {why}"),)
+        if not is_missing:
+            self._in_row, self._known = 0, t
+        enough = _is_enough(self._most, self._n_lost, max(self._n, self._n_planned))
+        self.doubts = () if enough else self._doubt
 
 
 def why_warning_unknown(
@@ -212,6 +260,11 @@ def _longest_run(flags: Flags) -> tuple[int, int]:
     """Bounds [begin, end) of the longest run of true flags."""
     first, last = max(runs(flags), key=lambda run: run[1] - run[0], default=(0, -1))
     return first, last + 1
+
+
+def _is_enough(in_row: int, n_lost: int, n: int) -> bool:
+    """in_row: samples missing in a row, at most.   n_lost: samples not assessed, of n."""
+    return in_row <= MOST_LOST and n_lost <= MOST_SHARE * n
 
 
 def _is_wide(hole: Hole, dt: float) -> bool:

@@ -73,9 +73,12 @@ NONE = None, None, None
 
 
 class Doubt(NamedTuple):
-    """Why the samples are no picture of the aircraft. t: when it began [s].   channels: keys."""
+    """Why the samples are no picture of the aircraft. t: when it began [s].   channels: keys.
 
-    kind: DoubtKind
+    kind: of its alarm; None where that is the alarm of the stale or invalid samples.
+    """
+
+    kind: DoubtKind | None
     level: Level
     t: float
     reason: str

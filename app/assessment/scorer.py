@@ -3,12 +3,14 @@
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from math import isfinite
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from app.assessment.batches import Batch, ChannelReader
+from app.assessment.coverage import CoverageSoFar
 from app.assessment.grid import (
     DELAY_INTERVALS,
     Angles,
@@ -231,6 +233,8 @@ class CausalScorer:
         self._rule: LimitsRule | MonitorsRule | None = None
         self.ruling: Ruling | None = None
         """of the newest sample; None for the monitor's own limits"""
+        length = 0.0 if planned.duration is None else planned.duration - planned.trim_segment_s
+        self._coverage = CoverageSoFar(monitor.dt, round(length / monitor.dt))
         self._conditions = ConditionHold()
         self._contradiction: tuple[Doubt, ...] = ()
         self._exceedances: list[ReceivedExceedance] = []
@@ -304,7 +308,8 @@ class CausalScorer:
     @property
     def doubts(self) -> tuple[Doubt, ...]:
         """Why the newest received sample is no picture of the aircraft."""
-        return (*self._checks.doubts, *self._contradiction, *self._trim_check.doubts)
+        checks = self._checks.doubts, self._contradiction, self._trim_check.doubts
+        return (*chain.from_iterable(checks), *self._coverage.doubts)
 
     @property
     def trims(self) -> list[TrimChange] | None:
@@ -388,6 +393,7 @@ class CausalScorer:
             display = tuple([shown.assess(sample, known) for shown in self._display])
         if ruling is not None:
             assessment, display = ruling.apply(assessment, display)
+        self._coverage.note(assessment, self.manoeuvre if self._trim else 1)
         about = assessment, sample.attitude, self.manoeuvre, sample.shown, display, ruling
         return LiveAssessed(y, known, sample.y, *about, self._trim_check.far)
 

@@ -253,6 +253,8 @@ class Alarms:
             self._onsets[kind].is_active &= kind in kinds
         raised = []
         for kind, _, t, reason, channels in cautions:
+            if kind is None:
+                continue
             about = {"t": t, "reason": reason, "channels": list(channels) or None}
             raised += self._begin(kind, seq, clock.now(), clock, index, **about)
         return raised

@@ -45,9 +45,9 @@ class Facts(NamedTuple):
     alert: the newest risk is above the alert threshold.   stale: no new samples arrive.
     invalid: the monitor is not applicable.   warming_up: its history is not full yet.
     calibrated: whether validity is calibrated.   caution: one is unacknowledged, samples are in
-    doubt, or data were missing in an ended flight.   paused: no next sample is played: it waits for
-    a person, or is at the end of its source.   unassessed: it has ended without one assessed
-    sample.   no_data: no sample has arrived.
+    doubt, or data were missing in the manoeuvre or an ended flight.   paused: no next sample is
+    played: it waits for a person, or is at the end of its source.   unassessed: it has ended
+    without one assessed sample.   no_data: no sample has arrived.
     exceeded_t: first exceedance so far [s], even if the replay was moved back; None for none.
     exceeded_as_recorded: it is one of the value as recorded, not from trim.
     predicted: the newest forecast of the rest of the test card exceeds a limit.

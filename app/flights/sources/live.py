@@ -332,7 +332,9 @@ class LiveFlight(Flight):
         replayed += self._judged(self._due())
         stored_t = [alarm.t for alarm in alarms if alarm.kind == "limit"]
         known = {(alarm.kind, alarm.t) for alarm in alarms}
-        active: list[AlarmKind] = [d.kind for d in self.scorer.doubts if (d.kind, d.t) in known]
+        active: list[AlarmKind] = [
+            d.kind for d in self.scorer.doubts if d.kind and (d.kind, d.t) in known
+        ]
         if any(self._is_alarmed(self.t, key, stored_t) for key in self.exceedances.over):
             active.append("limit")
         risks = [alarm.t for alarm in alarms if alarm.kind == "risk"]

@@ -288,6 +288,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     setZero(...liveZero(live));
     if (panels.problem.hidden && live.problem !== "") sound.caution();
     source.update(live, hello);
+    alarm.setDoubts(live.doubts);
     showTrims(live.trims);
     address.describe({ ...hello, live });
   }

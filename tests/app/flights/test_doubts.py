@@ -41,7 +41,8 @@ class Pushed:
         return answer.json() if answer.content else None
 
     def push(self, t: npt.NDArray, y: Array) -> None:
-        channels = dict(zip(KEYS, y.T.tolist(), strict=True))
+        columns = [[None if np.isnan(value) else value for value in column] for column in y.T]
+        channels = dict(zip(KEYS, columns, strict=True))
         self._post(f"{self.flight}/samples", {"t": t.tolist(), **channels})
 
     @property
@@ -208,6 +209,41 @@ def test_a_trim_near_the_limit_is_a_caution_until_it_is_gone(server: LiveServer)
     assert [frame["sensor"]["Ny"] for frame in far] == pytest.approx(sent, abs=0.05)
     assert ("trim", alarm["t"], alarm["reason"]) in flight.replayed()
     assert flight.trims() == flight.trims_of_replay == trims
+
+
+@pytest.mark.parametrize("trim", ["detected", "none"])
+@pytest.mark.parametrize(("lost", "n"), [("link", 8), ("Ny", 8), ("Ny", 1)])
+def test_data_missing_in_a_manoeuvre_are_a_caution_until_it_ends(
+    server: LiveServer, lost: str, n: int, trim: str
+) -> None:
+    """Also once the caution of the stale or invalid samples is acknowledged."""
+    t, y = np.arange(400) * DT, np.zeros((400, len(KEYS)))
+    input_t = t - 3.0
+    y[:, RUDDER] = 0.1 * ((input_t >= 0) * 1.0 - 2.0 * (input_t >= 0.5) + (input_t >= 1.0))
+    y[:, NY] = 0.05 * np.sin(3.0 * input_t) * ((input_t >= 0.0) & (input_t < 2.5))
+    y += 1e-4 * noise(400)
+    first = int(4.2 / DT)
+    y[first : first + n, NY] = np.nan
+    is_sent = np.ones(400, bool)
+    if lost == "link":
+        is_sent[first : first + n] = False
+    flight = Pushed(server, trim)
+    now = first + n + int(0.5 / DT)
+    for part in (slice(now), slice(now, now + 5)):
+        flight.push(t[part][is_sent[part]], y[part][is_sent[part]])
+        for alarm in httpx2.get(f"{flight.flight}/alarms").json():
+            flight.acknowledge(alarm)
+        state, doubts = flight.state, flight.live["doubts"]
+        if n == 1:
+            assert (flight.is_calm, doubts) == (True, [])
+            return
+        assert (state["status"], state["level"]) == ("caution", "caution")
+        gap = f"from {t[first - 1]:.2f} to {t[first + n]:.2f} s"
+        assert doubts == [f"data missing: no sample {gap}; a limit may have been exceeded there"]
+    flight.push(t[now + 5 :], y[now + 5 :])
+    assert flight.is_calm == (trim == "detected")
+    flight._post(f"{flight.flight}/end")
+    assert f"DATA MISSING: no sample of Ny {gap}" in flight.state["verdict"]["text"]
 
 
 def test_two_sources_that_contradict_are_a_caution_with_both_values(server: LiveServer) -> None:

@@ -34,7 +34,7 @@ from core.monitor import Assessment, State
 from core.monitor.assessment import REASONS, STATES, Cause
 from core.monitor.status import BETWEEN, CAUSE_WORDS, WORDS, AlarmKind
 from core.planned_test.collection import DatasetRecipe
-from tests.app.flights.sources.test_live import Live
+from tests.app.flights.sources.test_live import Live, batch
 from tests.support.flying import (
     EPSILON,
     Flown,
@@ -205,9 +205,10 @@ def test_a_caution_waits_in_amber_after_its_cause_has_ended(tmp_path: Path) -> N
     async def fly() -> None:
         live = Live(tmp_path)
         live.push(0, ny(0.0))
-        live.advance(5.0)
-        for k in range(1, 6):
-            live.push(k, ny(0.0), t=5.0 + k * DT)
+        live.advance(0.3)
+        for k in range(1, 7):  # late, but none is missing
+            live.flight.receive(batch(k, ny(0.0)), "rest")
+        live.seen.take()
         assert (live.flight.headline.status, live.flight.headline.level) == ("caution", "caution")
         (told,) = live.seen.of("alarm")
         assert (told["alarm"]["seq"], told["alarm"]["level"]) == (0, "caution")

@@ -12,6 +12,7 @@
  *   onAlarm(alarm)       raised or acknowledged
  *   setStale(words)      why and by how much the newest sample is stale; empty where it is current
  *   setHeadline({status, beside, exceeded_t})   of the flight; an acknowledged condition may continue
+ *   setDoubts(reasons)   why the newest samples are in doubt; empty where that is not known
  *   setLinked(boolean)   false: new alarms cannot arrive
  *   acknowledgeAll()     all open warnings; all open cautions where there are none
  *   open()               number of unacknowledged warnings
@@ -29,7 +30,7 @@ import { CAUTION_WORDS, cautionText, waitingOf } from "../panels.js";
 const GOES_ON = {
   exceeding: "LIMIT EXCEEDED continues, acknowledged",
   risk: "ALERT continues, acknowledged",
-  caution: "CAUTION continues, acknowledged: the samples are in doubt",
+  caution: "CAUTION continues, acknowledged",
 };
 
 const PROMISED = {
@@ -63,6 +64,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   let holds = []; // statuses of the headline and beside it
   let shown = "";
   let stale = "";
+  let doubts = "";
   let exceeded = ""; // the first exceedance, in words
   let isLinked = true;
 
@@ -86,7 +88,8 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     const alike = open.filter(({ kind }) => kind === latest?.kind);
     const { reason: present = "" } = presentCause(latest?.kind);
     const now = `${alike.map(({ number }) => number)} of ${open.length} ${latest?.kind === "stale" ? stale : present.replace(/[\d.]+/g, "")}`;
-    if (latest === undefined) put(text, held ? GOES_ON[status] : "");
+    const why = status === "caution" ? `: ${doubts || "the samples are in doubt"}` : "";
+    if (latest === undefined) put(text, held ? GOES_ON[status] + why : "");
     else if (now !== shown) text.replaceChildren(formatted(words(alike, open.length - alike.length)));
     shown = now;
     if (warnings.length > 0) tone.start(latest.kind === "limit" ? "limit" : "alert");
@@ -178,6 +181,10 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     setStale: (words) => {
       if (words === stale) return;
       stale = words;
+      render();
+    },
+    setDoubts: (reasons) => {
+      doubts = reasons.join("; ");
       render();
     },
     setHeadline: (now) => {
