@@ -216,7 +216,8 @@ def calibrate(
         needed = math.ceil(n_statistics / WORST_LEVEL - 1 - 1e-9)
         raise SupportError(
             f"validity is not calibrated: of {n_flights} fresh flights {counts[0]} stayed safe and "
-            f"{counts[1]} failed, {needed} of each are needed; give more flights, or change the amplitude or the limit"
+            f"{counts[1]} failed, {needed} of each are needed; give more flights, "
+            "or change the amplitude or the limit"
         )
     safe, unsafe = (np.sort(np.concatenate(kind), axis=0) for kind in kinds)
     return Support(reference.sigma, safe, unsafe, n_samples, level, reference.innovation)
