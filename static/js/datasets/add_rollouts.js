@@ -23,8 +23,8 @@ export function showRollouts(element, { query, api, navigate }) {
     const stage = h("div.stack");
     const status = h("p", { role: "status" });
     const failure = errorLine();
-    const more = createMore({ again: read });
-    const flown = await createFlownFlights({ api, datasets, chosen: query.getAll("recording"), changed: clear, use: read });
+    const more = createMore({ again: () => read(true) });
+    const flown = await createFlownFlights({ api, datasets, chosen: query.getAll("recording"), changed: clear, use: () => read() });
     const zone = keep(
       createDropTarget({
         words: "Drop the flights of your simulator anywhere on this page",
@@ -38,7 +38,9 @@ export function showRollouts(element, { query, api, navigate }) {
         ...needs("POST /datasets"),
       }),
     );
+    const named = optionalName("name of the dataset", "dataset-name");
     let files = [];
+    let rows = [];
     let turn = 0;
     let sending = null;
     keep({ close: () => sending?.cancel() });
@@ -46,15 +48,22 @@ export function showRollouts(element, { query, api, navigate }) {
     return pageOf([TITLE, " ", guideLink("own-simulator", "rollouts of your own simulator")], [link("Cancel", "#/datasets")], source, stage);
 
     function clear() {
-      turn += 1;
+      rows = [];
       stage.replaceChildren();
+      stop();
+    }
+
+    function stop() {
+      turn += 1;
       failure.show("");
       status.textContent = "";
       sending?.cancel();
     }
 
-    async function read() {
-      clear();
+    /** again: the same files, so the form keeps what was typed in it. */
+    async function read(again = false) {
+      if (again) stop();
+      else clear();
       const mine = turn;
       if (!files.length && !flown.count()) return;
       const what = namesOf(files, flown.count());
@@ -62,7 +71,9 @@ export function showRollouts(element, { query, api, navigate }) {
         const preview = await send("/datasets/preview", [...more.fields(), ...flown.fields()], `Reading ${what}`);
         if (mine !== turn || preview === null) return;
         status.replaceChildren(...wordsOf(what, preview));
+        const focused = document.activeElement;
         stage.replaceChildren(createChannels(preview));
+        if (focused instanceof HTMLElement && stage.contains(focused)) focused.focus();
       } catch (error) {
         if (mine !== turn) return;
         status.textContent = "";
@@ -85,8 +96,8 @@ export function showRollouts(element, { query, api, navigate }) {
 
     function createChannels(preview) {
       const isJoining = flown.dataset() !== "";
-      const rows = isJoining ? [] : preview.dictionary.channels.map((channel) => createRow(channel, preview.ranges[channel.key]));
-      const named = optionalName("name of the dataset", "dataset-name");
+      const typed = new Map(rows.map((row) => [row.of, row]));
+      rows = isJoining ? [] : preview.dictionary.channels.map((channel) => createRow(channel, preview.ranges[channel.key], typed));
       const { element: form } = createForm({
         title: TITLE,
         word: "Add",
@@ -142,7 +153,10 @@ const COLUMNS = [
   ["Limit: high", ({ high, failure }) => h("div.field", high.control, failure.element)],
 ];
 
-function createRow(channel, { low, high, rest }) {
+/** The row of the channel, or that of `typed` if it is of the same channel and values. */
+function createRow(channel, { low, high, rest }, typed) {
+  const of = JSON.stringify([channel, low, high, rest]);
+  if (typed.has(of)) return typed.get(of);
   const { unit, factor } = shownIn(channel);
   const spoken = (end) => `${end} limit of ${channel.label}`;
   const ends = ["low", "high"].map((end) => {
@@ -152,6 +166,7 @@ function createRow(channel, { low, high, rest }) {
   });
   const failure = errorLine();
   return {
+    of,
     channel,
     unit,
     range: low === null ? "no value" : `${magnitude(channel, low)} to ${magnitude(channel, high)}`,

@@ -128,3 +128,22 @@ def test_files_that_cannot_be_read_say_what_to_do(
     page.get_by_label("sample interval").blur()
     expect(page.get_by_text("plain.npz: 3 flights of up to 0.4 s")).to_be_visible()
     expect(page.get_by_label("role of stick")).to_have_value("control")
+
+
+def test_a_new_sample_interval_keeps_what_is_typed_and_the_focus(page: Page, origin: str) -> None:
+    choose(page, origin, payload("pitch.npz", npz(flights(80))))
+    high = page.get_by_label("high limit of normal acceleration")
+    page.get_by_label("role of pitch rate").select_option("condition")
+    page.get_by_text("Dictionary, sample interval, computed channels").click()
+    again = []
+    page.route("**/datasets/preview", lambda route: again.append(route))
+    page.get_by_label("sample interval").fill("0.01")
+    high.click()
+    page.keyboard.type("2.")
+    expect(page.get_by_text("Reading pitch.npz")).to_be_visible()
+    again[0].continue_()
+    expect(page.get_by_text("pitch.npz: 80 flights")).to_be_visible()
+    page.keyboard.type("9")
+    expect(high).to_have_value("2.9")
+    expect(page.get_by_label("sample interval")).to_have_value("0.01")
+    expect(page.get_by_label("role of pitch rate")).to_have_value("condition")
