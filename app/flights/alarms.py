@@ -86,10 +86,18 @@ class Onsets:
         self.is_active = active
         if active:
             self._last_t = t
-            if index >= 0:
-                self._flown.extend(bytes(max(index + 1 - len(self._flown), 0)))
-                self._flown[index] = True
+            self._note_flown(index)
         return rings
+
+    def fly_again(self, index: int) -> None:
+        """The sample of an onset that has raised its alarm is flown again."""
+        self._has_restarted = True
+        self._note_flown(index)
+
+    def _note_flown(self, index: int) -> None:
+        if index >= 0:
+            self._flown.extend(bytes(max(index + 1 - len(self._flown), 0)))
+            self._flown[index] = True
 
     def latch(self, alarm_id: str) -> None:
         self._latest = alarm_id
@@ -151,9 +159,14 @@ class Alarms:
         for onsets in self._onsets.values():
             onsets.forget()
 
-    def restore(self, alarms: list[Alarm], active: Collection[AlarmKind] = ()) -> None:
-        """Restore stored alarms. active: kinds whose alarm is of a condition that still holds."""
+    def restore(self, alarms: list[Alarm], active: Collection[AlarmKind], head: int) -> None:
+        """Restore stored alarms. active: kinds whose alarm is of a condition that still holds.
+
+        head: newest sample of the record; those after it are flown again.
+        """
         for alarm in alarms:
+            if alarm.seq > head and alarm.kind in ("risk", "invalid"):
+                self._onsets[alarm.kind].fly_again(alarm.seq)
             self._number = max(self._number, alarm.number)
             self._keep_evidence(alarm)
             if alarm.acknowledged is None:

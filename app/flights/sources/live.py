@@ -340,7 +340,7 @@ class LiveFlight(Flight):
         risks = [alarm.t for alarm in alarms if alarm.kind == "risk"]
         if alert_t is not None and max(risks, default=-inf) > alert_t - REJOIN_S:
             active.append("risk")
-        self.alarms.restore(alarms, active)
+        self.alarms.restore(alarms, active, self.head)
         self._received = [
             sample
             for sample, (t, measured, _) in replayed

@@ -200,7 +200,12 @@ def test_an_exceedance_that_outlasts_a_restart_is_one_alarm(tmp_path: Path) -> N
     flown(fly, tmp_path)
 
 
-def test_an_acknowledged_risk_that_outlasts_a_restart_rings_no_more(tmp_path: Path) -> None:
+@pytest.mark.parametrize("is_recorded", [True, False])
+def test_an_acknowledged_risk_that_outlasts_a_restart_rings_no_more(
+    tmp_path: Path, is_recorded: bool
+) -> None:
+    """Also if the server was killed between the records of the alarm and of its sample."""
+
     async def fly(live: Live, y: Array) -> None:
         k = 0
         while not (alarms := [a for a in live.flight.alarms.at_hand if a.kind == "risk"]):
@@ -213,7 +218,8 @@ def test_an_acknowledged_risk_that_outlasts_a_restart_rings_no_more(tmp_path: Pa
         acknowledged = [replace(alarm, acknowledged="now", by="FTE") for alarm in alarms]
         again = live.another(SilentRecorder(live.clock))
         lines = lines_of(live.journals.path(again.id))
-        again.resume(again.restore(lines, live.flight.head, acknowledged, []))
+        stored = live.flight.head if is_recorded else alarms[0].seq - 1
+        again.resume(again.restore(lines, stored, acknowledged, []))
         live.clock.advance(DT)
         again.receive(batch(k, y[k]), "rest")
         assert again.facts.alert
