@@ -76,6 +76,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
   const primary = { class: "button button-small button-primary" };
   const isFromLive = flight.source.kind === "live";
   const flying = needs("POST /flights");
+  const replay = button("Replay as it was shown", () => again({ kind: "journal", flight_id: flight.id }), { ...primary, hidden: true, ...flying });
   const acknowledgeButton = button("", () => failure.attempt(acknowledge), { ...small, hidden: true, ...needs("POST /flights/{}/alarms/{}/acknowledge") });
   let waiting = [];
   panels.notice.append(...[
@@ -83,7 +84,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
     h("div.row",
       acknowledgeButton,
       isOpen && button("End flight", askToEnd, { ...primary, title: "Complete the record from the samples that the server had received", ...needs("POST /flights/{}/end") }),
-      isFromLive && button("Replay as it was shown", () => again({ kind: "journal", flight_id: flight.id }), { ...primary, ...flying }),
+      replay,
       button(isFromLive ? "Start another like it" : "Fly it again", () => again(flight.source, flight.name), { ...(isFromLive ? small : primary), ...flying }),
       flight.recording && h("a", { ...small, href: `#/recordings/${flight.recording}` }, "Recording"),
       createKeepButton({ api, path, keep: flight.keep, fail, attributes: small }),
@@ -141,8 +142,9 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
     channels = withLimits(channelsOf(catalog, monitor), limits);
     showWall();
     panels.notice.append(...exceedanceLines(flight.exceedances, channels));
+    replay.hidden = !isFromLive || longest.length === 0;
     if (longest.length === 0) {
-      panels.strips.replaceChildren(state("empty", "Nothing was recorded", "The flight ended before its first sample."));
+      panels.strips.replaceChildren(state("empty", "Nothing was recorded", `The flight ended before its first sample${flight.live?.batches === 0 && flight.live.malformed > 0 ? ": every message of its source was refused" : ""}.`));
       return;
     }
     panels.notice.append(...summaryLines(flight.monitors, longest));

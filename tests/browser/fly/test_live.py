@@ -84,6 +84,7 @@ def test_a_live_flight_takes_two_clicks_and_says_where_to_send_until_the_first_s
     result = page.locator(".source-result")
     expect(result).to_contain_text("Live source: 12 samples used, of 4 batches")
     expect(result).to_contain_text("not read: Nz")
+    expect(page.get_by_role("button", name="Replay as it was shown")).to_be_visible()
 
 
 @pytest.mark.parametrize("silent", [False, True])
@@ -120,6 +121,23 @@ def test_a_link_that_is_cut_before_the_first_sample_is_stale_everywhere(
     live.send(1, 10, ny=0.6)  # its alarm comes before its sample
     live.state_says("ALARM")
     expect(clock).to_contain_text("0.50 s")
+
+
+def test_a_flight_whose_batches_are_all_refused_names_why_and_offers_no_replay(live: Live) -> None:
+    live.begin()
+    address = f"{live.site.http}/api/v1/flights/{live.flight}/samples"
+    sent = batch(1, 0)
+    del sent["Ny"]
+    for _ in range(2):
+        assert live.page.request.post(address, data=sent).status == 422
+    expect(live.page.locator(".live-problem")).to_contain_text("REFUSED")
+    expect(live.page.locator(".live-problem")).to_contain_text("Ny")
+    live.end()
+    result = live.page.locator(".source-result")
+    expect(result).to_contain_text("refused messages: 2")
+    expect(result).to_contain_text("Ny")
+    expect(live.page.locator(".state-empty", has_text="every message")).to_be_visible()
+    expect(live.page.get_by_role("button", name="Replay as it was shown")).to_be_hidden()
 
 
 def test_a_key_begins_a_manoeuvre_which_is_listed_and_cannot_begin_twice(live: Live) -> None:

@@ -43,7 +43,7 @@ const ITEMS = [
   ["lead", "warning lead time", "Warning lead time of the monitor less the delay"],
   ["batches", "batches", "Batches received, without repeated ones"],
   ...KINDS,
-  ["malformed", "malformed", "Messages that are not a valid batch"],
+  ["malformed", "refused", "Messages that are no valid batch, or lack channels"],
   ["foreign", "foreign", "Datagrams from other senders, or without the key"],
   ["resumed", "restarts", "Times that the flight continued after a killed server"],
   ["unread", "not read", "Names that the source sends and no channel reads: check the names and the mapping"],
@@ -178,13 +178,14 @@ export function trimNotes(trims, channels) {
   });
 }
 
-export function lossText({ batches, counts, malformed, foreign, resumed, late = [], unread = [] }) {
+export function lossText({ batches, counts, malformed, refused = "", foreign, resumed, late = [], unread = [] }) {
   const losses = KINDS.filter(([kind]) => counts[kind] > 0).map(([kind, name]) => `${name}: ${counts[kind].toLocaleString("en")}`);
-  const others = [["malformed messages", malformed], ["foreign datagrams", foreign], ["restarts of the server", resumed]];
+  const others = [["refused messages", malformed], ["foreign datagrams", foreign], ["restarts of the server", resumed]];
   return [
     `${counted(counts.accepted, "sample")} used, of ${counted(batches, "batch", "batches")}`,
     ...losses,
     ...others.filter(([, n]) => n > 0).map(([name, n]) => `${name}: ${n.toLocaleString("en")}`),
+    ...(refused ? [`the newest was refused: ${refused}`] : []),
     ...(late.length > 0 ? [`display stale, samples late: ${late.slice(0, LISTED).map(lateText).join(", ")}${late.length > LISTED ? ` and ${late.length - LISTED} more times` : ""}`] : []),
     ...(unread.length > 0 ? [`not read: ${unread.join(", ")}`] : []),
   ];
