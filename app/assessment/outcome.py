@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from math import floor
+from math import floor, nan
 from operator import attrgetter, itemgetter
 from typing import Any, Literal, NamedTuple
 
@@ -114,7 +114,7 @@ class Peak(NamedTuple):
     """The value of a limited channel furthest towards a limit, from trim and as recorded.
 
     largest: from trim, which is judged; None where no value or no trim is known.
-    low, high: limits, infinite for none.   recorded: value in trimmed flight where none is known.
+    low, high: limits, infinite for none.   recorded: NaN where no value is known.
     bias: removed by the mapping.
     """
 
@@ -184,7 +184,7 @@ def against_limits(
             (float(each.low[c]), float(each.high[c])) for each in in_force if each.limited[c]
         )
         if timeline is not None and key not in traces.channels:
-            peaks += [Peak(key, None, *each, 0.0) for each in ends]
+            peaks += [Peak(key, None, *each, nan) for each in ends]
             continue
         trace = traces.channels[key]
         part = slice(*np.searchsorted(trace.t, (start - SAME_TIME, end + SAME_TIME)).tolist())
@@ -218,7 +218,7 @@ def against_limits(
             value = from_trim.value
             largest = _furthest(value[here & np.isfinite(value)], *each, rest)
             as_recorded = _furthest(recorded.value[here], *each, rest)
-            as_recorded = rest if as_recorded is None else as_recorded
+            as_recorded = nan if as_recorded is None else as_recorded
             peaks.append(Peak(key, largest, *each, as_recorded, trace.bias))
         holes += holes_in(key, t, start, end)
     first, first_raw, first_failed = (
@@ -480,7 +480,8 @@ def exceedances_outside(
         for i, stop in pairwise([*begins.tolist(), len(t)]):
             if inside[i]:
                 continue
-            about = timeline is not None, NOT_PLAUSIBLE if odd[i] else ""
+            doubt = TRIM_UNKNOWN if np.isnan(trims[number[i]][c]) else ""
+            about = timeline is not None, NOT_PLAUSIBLE if odd[i] else doubt
             begun = _Judged(key, t, value, low, high, *about).exceedance(i)
             at = i + int(shares[i:stop].argmax())
             worst_t, worst = float(t[at]), float(value[at])

@@ -67,6 +67,11 @@ class AssessedSegment:
         last = self.monitor.last_counted(self.y_read[self.n_history :])
         return self.assessments if last is None else self.assessments.from_sample(0, last + 1)
 
+    @property
+    def recorded(self) -> Array:
+        """(n, n_channels) of the segment, with trim."""
+        return self.recording.y[self.segment.first : self.segment.last + 1]
+
     @cached_property
     def largest(self) -> Array:
         """(n_channels,) largest magnitude of each, from trim; -inf where not recorded."""
@@ -144,7 +149,11 @@ def support(assessed: AssessedSegment) -> tuple[ValidityVerdict, Withdrawal | No
     """Are the observations within training, by conformal rank; and from where not?"""
     monitor, absent = assessed.monitor, ~np.isfinite(assessed.y).any(axis=0)
     if missing := _keys(assessed, absent & read_channels(monitor)):
-        reason = f"not judged: {', '.join(missing)} not recorded"
+        unknown = [key for key in missing if key in _without_trim(assessed)]
+        missing = [key for key in missing if key not in unknown]
+        reasons = [f"{', '.join(missing)} not recorded"] if missing else []
+        reasons += [f"trim of {', '.join(unknown)} unknown"] if unknown else []
+        reason = f"not judged: {', '.join(reasons)}"
         return ValidityVerdict(None, reasons=(reason,)), None
     streamed = assessed.streamed
     return monitor.judge_and_withdraw(streamed.t, assessed.y_read, streamed)
@@ -218,7 +227,9 @@ def coverage(assessed: AssessedSegment) -> Check:
 
 
 def _most_missing(assessed: AssessedSegment) -> str:
-    """The needed channel with the most samples missing, in words; "" if none is missing."""
+    """Unknown trims, or the needed channel with the most samples missing; "" if none is."""
+    if unknown := _without_trim(assessed):
+        return f"; trim of {', '.join(unknown)} unknown"
     missing = np.where(assessed.needed, np.isnan(assessed.y).sum(axis=0), 0)
     worst = int(missing.argmax())
     if not missing[worst]:
@@ -230,15 +241,20 @@ def _most_missing(assessed: AssessedSegment) -> str:
 
 def channels(assessed: AssessedSegment) -> Check:
     """Is every needed channel there, and which are derived?"""
-    there = np.isfinite(assessed.y).any(axis=0)
+    there = np.isfinite(assessed.recorded).any(axis=0)
     if lost := _keys(assessed, assessed.needed & ~there):
-        text = f"no sample of {', '.join(lost)} here, or none to take its trim from"
-        return Check("channels", False, text)
+        return Check("channels", False, f"no sample of {', '.join(lost)} here")
     derived = [key for key in assessed.dictionary.keys if key in assessed.recording.derived]
     absent = _keys(assessed, ~there)
     remarks = [f"{', '.join(derived)} derived, not measured"] if derived else []
     remarks += [f"{', '.join(absent)} not recorded and not needed"] if absent else []
     return Check("channels", True, "; ".join(["all needed channels", *remarks]))
+
+
+def _without_trim(assessed: AssessedSegment) -> list[str]:
+    """Needed channels that were recorded, but whose trim is unknown."""
+    there = np.isfinite(assessed.recorded).any(axis=0)
+    return _keys(assessed, assessed.needed & there & np.isnan(assessed.trim))
 
 
 def units(assessed: AssessedSegment) -> Check:
@@ -347,15 +363,16 @@ def surfaces_flown(planned: PlannedTest, y: Array, usual: Array) -> tuple[bool |
 def trim(assessed: AssessedSegment) -> Check:
     """Was the aircraft trimmed before the first input?"""
     segment = assessed.segment
+    if unknown := _without_trim(assessed):
+        why = (
+            "no sample to take it from" if segment.onset is None else "the aircraft moved before it"
+        )
+        return Check("trim", False, f"trim of {', '.join(unknown)} unknown: {why}")
     if segment.rest is None:
         text = "measured before this part" if assessed.trim.any() else "no trim subtracted"
         return Check("trim", None, text)
     length = (segment.rest.stop - segment.rest.start) * assessed.monitor.dt
     text = f"mean of the first {length:.2f} s"
-    unknown = assessed.needed & np.isnan(assessed.trim)
-    if unknown.any() and segment.onset is not None:
-        keys = ", ".join(_keys(assessed, unknown))
-        return Check("trim", False, f"trim of {keys} unknown: the aircraft moved before it")
     if segment.onset is not None:
         text = f"mean of the {length:.2f} s before the first input"
     outputs = list(assessed.dictionary.of_role("output"))

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
+from math import isnan
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from app.assessment.outcome import (
     lead_words,
     verdict_of,
 )
-from app.assessment.planned_test import PlannedTest
+from app.assessment.planned_test import PlannedTest, limits_of
 from app.assessment.scored import OBSERVATIONS, ScoredManoeuvre, ScoredRecording, Validity
 from app.assessment.segments import Segment
 from app.telemetry.mapping.mapping import time_of_day
@@ -193,16 +194,21 @@ def _not_exceeded(dictionary: Dictionary, peaks: Sequence[Peak]) -> list[str]:
         for peak in peaks
         if peak.largest is not None
     )
-    unknown = ", ".join(peak.channel for peak in peaks if peak.largest is None)
+    unknown = ", ".join(
+        f"no value of {peak.channel} is known"
+        if isnan(peak.recorded)
+        else f"trim of {peak.channel} unknown, as recorded "
+        + _peak_in_words(dictionary.by_key[peak.channel], peak, peak.recorded, is_trimmed=False)
+        for peak in peaks
+        if peak.largest is None
+    )
     lines = [f"no recorded sample exceeded a limit: {known}"] if known or not peaks else []
-    if unknown:
-        lines.append(f"no value of {unknown} from trim is known: a limit may have been exceeded")
-    return lines
+    return [*lines, f"{unknown}: a limit may have been exceeded"] if unknown else lines
 
 
-def _peak_in_words(channel: Channel, peak: Peak, value: float) -> str:
+def _peak_in_words(channel: Channel, peak: Peak, value: float, *, is_trimmed: bool = True) -> str:
     """`|Ny| 0.45 g of 0.5 g from trim`; `Nz 4.2 g, safe -1 g to 4.9 g`."""
-    trim = " from trim" if channel.reference == "trim" else ""
+    trim = " from trim" if channel.reference == "trim" and is_trimmed else ""
     if -peak.low == peak.high:
         limit = channel.read(peak.high)
         return f"|{channel.key}| {channel.read(abs(value))} of {limit}{trim}"
@@ -320,7 +326,7 @@ def _lines(
     if manoeuvre.withdrawn_t is not None:
         since = _time(manoeuvre.withdrawn_t, of_day)
         yield f"  INVALID            from {since} on: no risk"
-    yield f"  exceedance         {_exceedance(manoeuvre, monitor.dictionary, of_day)}"
+    yield f"  exceedance         {_exceedance(manoeuvre, monitor, of_day)}"
     if manoeuvre.outcome == "unknown":
         yield "  warning lead time  unknown"
     elif manoeuvre.outcome == "invalid":
@@ -367,14 +373,19 @@ def _risk(
         yield f"  alerts             {len(alerts)}, the last one {begin:.2f} to {end:.2f} s"
 
 
-def _exceedance(manoeuvre: ScoredManoeuvre, dictionary: Dictionary, of_day: bool) -> str:
+def _exceedance(manoeuvre: ScoredManoeuvre, monitor: Monitor, of_day: bool) -> str:
     exceedance, raw = manoeuvre.exceedance, manoeuvre.recorded_exceedance
+    dictionary = monitor.dictionary
     if manoeuvre.outcome == "unknown":
         return "unknown"
     from_trim = [_place(exceedance, dictionary, of_day)] if exceedance else []
     recorded = [f"as recorded {_place(raw, dictionary, of_day)}"] if raw else []
-    none = "unknown" if manoeuvre.outcome == "unseen" else "none recorded"
-    return "; ".join(from_trim + recorded) or none
+    if from_trim or recorded:
+        return "; ".join(from_trim + recorded)
+    each = zip(dictionary.keys, manoeuvre.trim, limits_of(monitor).limited, strict=True)
+    if unknown := [key for key, value, is_limited in each if is_limited and value is None]:
+        return f"unknown, trim of {', '.join(unknown)} unknown"
+    return "unknown" if manoeuvre.outcome == "unseen" else "none recorded"
 
 
 def _place(exceedance: RecordedExceedance, dictionary: Dictionary, of_day: bool) -> str:

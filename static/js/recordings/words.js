@@ -45,7 +45,7 @@ function outsideText({ outside_exceedances: outside, channels }) {
 
 export function outsideChip(scoring) {
   const title = outsideText(scoring);
-  return title ? chip("◆ EXCEEDANCE OUTSIDE", "caution", title) : null;
+  return title ? chip("▲ LIMIT EXCEEDED OUTSIDE", "alert", title) : null;
 }
 
 export function outsideLine(scoring, tag, classes) {

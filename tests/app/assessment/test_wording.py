@@ -90,7 +90,7 @@ def test_a_limited_channel_without_trim_may_have_exceeded_its_limit():
     )
     segment: Any = SimpleNamespace(is_rest=False, requested=None, rest=None, onset=None, first=0)
     (line,) = remarks(planned, segment, limited, assessments(0.1))
-    assert line.startswith("no value of Ny from trim is known")
+    assert line.startswith("trim of Ny unknown, as recorded |Ny| 0.1 g of 0.2 g")
 
 
 def test_exceedances_and_trim_are_in_display_units():

@@ -271,3 +271,19 @@ def test_of_too_few_samples_nothing_is_said_of_the_manoeuvre(tmp_path: Path, eve
     assert manoeuvre.amplitude is None
     printed = "\n".join(verdict(slow_monitor(), both.scored))
     assert "none recorded" not in printed
+
+
+def test_where_only_a_trim_is_unknown_nothing_is_called_missing(tmp_path: Path) -> None:
+    """The flight begins while the aircraft moves; N_y exceeds its limit before the manoeuvre."""
+    y = doublets(fail=False)[0][BEGINS + 6 :]
+    y[0, NY] = 0.9
+    scored = flown_and_scored(tmp_path, in_order(y)).scored
+    (manoeuvre,) = scored.manoeuvres
+    assert manoeuvre.trim[NY] is None
+    lines = [*manoeuvre.validity.reasons, *manoeuvre.remarks]
+    lines += [check.text for check in manoeuvre.validity.checks]
+    assert not any("missing" in line or "not recorded" in line for line in lines)
+    assert any(line.startswith("trim of Ny unknown, as recorded |Ny|") for line in lines)
+    assert [each.doubt for each in scored.outside_exceedances] == ["trim unknown"]
+    printed = "\n".join(verdict(slow_monitor(), scored))
+    assert "exceedance         unknown, trim of Ny unknown" in printed

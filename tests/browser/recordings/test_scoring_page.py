@@ -87,6 +87,33 @@ def test_an_exceedance_outside_every_manoeuvre_is_told(
     assert "cursor 0." in page.locator(".strip-cursors").inner_text()
 
 
+def test_where_only_a_trim_is_unknown_no_other_monitor_is_offered(
+    page: Page, site: RecordedSite, recording: str, scoring: dict[str, Any]
+) -> None:
+    path = f"/recordings/{recording}/scorings/{scoring['id']}"
+    exceedance = {"t": 0.2, "channel": "Ny", "value": -0.21, "doubt": "trim unknown"}
+    known, words = scoring["manoeuvres"][0], OUTCOMES["invalid"]._asdict()
+    checks = [{"name": "trim", "ok": False, "text": "trim of Ny unknown"}]
+    invalid = known | {
+        "outcome": "invalid",
+        "verdict": words,
+        "outcome_words": words,
+        "exceedance": None,
+        "recorded_exceedance": None,
+        "trim": [None] * len(known["trim"]),
+        "validity": known["validity"] | {"valid": False, "checks": checks},
+    }
+    told = {**scoring, "outside_exceedances": [exceedance], "manoeuvres": [invalid]}
+    page.route(f"**/api/v1{path}", lambda route: route.fulfill(json=told))
+    page.goto(f"{site.http}/#{path.replace('/scorings/', '?scoring=')}")
+    drawn(page)
+    expect(page.locator(".outside-line")).to_contain_text("at 0.20 s, trim unknown")
+    expect(page.get_by_text("LIMIT EXCEEDED OUTSIDE")).to_have_attribute("data-level", "alert")
+    exceeded = page.locator('.verdict [data-label="First exceedance"]')
+    expect(exceeded).to_have_text("unknown, trim unknown")
+    expect(page.get_by_text("trained for another test")).to_have_count(0)
+
+
 def test_a_scoring_by_an_earlier_mapping_is_marked(
     page: Page, site: RecordedSite, scoring: dict[str, Any]
 ) -> None:

@@ -36,6 +36,7 @@ import { scoringSource, TRIM_SEGMENT } from "./source.js";
 const EXPORTS = { csv: "CSV", parquet: "Parquet", mat: "MAT" };
 const TRIMS = { [TRIM_SEGMENT]: "mean of each manoeuvre's trim segment", null: "not subtracted" };
 const WAYS = { detected: "detected from control activity", entire: "the entire recording as one" };
+const OF_DATA = ["rate", "coverage", "channels", "trim"]; // checks that another monitor fails too
 const LISTED = " Listed: monitors that scored this recording with the same manoeuvres and their own ε.";
 
 export function showScoring(element, { id, query, api, navigate }) {
@@ -70,7 +71,8 @@ export function showScoring(element, { id, query, api, navigate }) {
       link("Score again", `#/recordings/${id}`, true),
     );
     const isUsed = ({ alert_above: above }) => !scoring.request.monitor_set || above !== null;
-    const isInvalid = manoeuvres.some((each) => each.validity.valid === false && isUsed(each));
+    const isOther = (each) => !each.validity.checks.some(({ name, ok }) => ok === false && OF_DATA.includes(name));
+    const isInvalid = manoeuvres.some((each) => each.validity.valid === false && isUsed(each) && isOther(each));
     return pageOf(
       recording.name,
       actions({ api, navigate }, scoring, display),

@@ -76,12 +76,13 @@ function why({ validity, outcome, guarantee, remarks = [] }, isShort) {
   );
 }
 
-function exceedanceOf({ exceedance, outcome, amplitude, recorded_exceedance: raw }, channels) {
+function exceedanceOf({ exceedance, outcome, amplitude, trim, recorded_exceedance: raw }, channels) {
   const doubt = raw?.doubt ? `, ${raw.doubt}` : "";
   if (exceedance) return [exceedanceWords(exceedance, channels), raw ? ["; as recorded ", exceedanceWords(raw, channels), doubt] : null];
   if (outcome === "unknown") return "unknown";
   if (doubt) return [exceedanceWords(raw, channels), doubt];
   if (raw) return ["none relative to trim; as recorded ", exceedanceWords(raw, channels)];
+  if (channels.some(({ low, high }, k) => trim?.[k] === null && (low ?? high ?? null) !== null)) return "unknown, trim unknown";
   if (outcome === "unseen") return "unknown";
   return amplitude ? `none, at ${percent(amplitude, 0)} of the planned amplitude` : "none";
 }
