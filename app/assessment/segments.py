@@ -151,26 +151,27 @@ def until_end(segment: Segment, recording: Recording, planned: PlannedTest) -> S
     """The segment; where the recording ends within the planned manoeuvre, it says so."""
     if segment.last < len(recording.t) - 1:
         return segment
-    return segment._replace(ends_early=_cut("the recording ends", segment, segment.last, planned))
+    cut = _cut("the recording ends", segment, segment.last, recording.t, planned)
+    return segment._replace(ends_early=cut)
 
 
-def _cut(what: str, segment: Segment, last: int, planned: PlannedTest) -> str:
+def _cut(what: str, segment: Segment, last: int, t: Array, planned: PlannedTest) -> str:
     """What ends well before the planned manoeuvre does, in words; empty if it holds enough of it.
 
-    segment: the whole manoeuvre.   last: the last sample that is held.
+    segment: the whole manoeuvre.   last: the last sample that is held.   t: (n,) [s].
     """
     n_trim = round(planned.trim_segment_s / planned.dt)
     begin = segment.first + n_trim if segment.onset is None else segment.onset
-    where = too_short(last - begin, planned)
+    where = too_short(float(t[last] - t[min(begin, last)]), planned)
     return f"{what} within the manoeuvre, {where}" if where else ""
 
 
-def too_short(n: int, planned: PlannedTest) -> str:
-    """What n samples after its beginning lack of a whole manoeuvre, in words; empty if nothing."""
-    least, flown = planned.least_flown, max(0, n) * planned.dt
+def too_short(flown: float, planned: PlannedTest) -> str:
+    """What a manoeuvre of a length [s] lacks of a whole one, in words; empty if nothing."""
+    least = planned.least_flown
     if least is None or flown >= least - 0.5 * planned.dt:
         return ""
-    return f"{flown:.2f} s after its beginning; at least {least:.3g} s are needed"
+    return f"{max(0.0, flown):.2f} s after its beginning; at least {least:.3g} s are needed"
 
 
 def segments(
@@ -326,7 +327,7 @@ def by_monitor(
                 part = part._replace(ends_early=segment.ends_early)
             if last < segment.last:
                 what = f"{ruling.case} holds until {t[last]:.2f} s,"
-                part = part._replace(ends_early=_cut(what, segment, last, flight.planned))
+                part = part._replace(ends_early=_cut(what, segment, last, t, flight.planned))
             name = f"{segment.name}, {ruling.case}"
             part = part._replace(name=name, part=len(parts) - n_before)
             parts.append((members[ruling.used], part))

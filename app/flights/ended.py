@@ -289,7 +289,10 @@ def _of_manoeuvres(
             return no_verdict("invalid", why)
         if stop < len(number):
             continue
-        if why := too_short(stop - 1 - first - (0 if (number == 0).any() else n_trim), planned):
+        flown = float(stored.t[stop - 1] - stored.t[first])
+        if not (number == 0).any():
+            flown -= planned.trim_segment_s
+        if why := too_short(flown, planned):
             alerts = tuple((a.t, a.t) for a in alarms if a.kind == "risk" and a.seq >= first)
             calls = [m.t for m in store.flight_markers.of(info.id) if m.level is not Level.NONE]
             return no_verdict(outcome(alerts, None, 0.0, is_cut=True, calls=calls)[0], why)

@@ -202,6 +202,15 @@ def test_an_alert_in_another_manoeuvre_warns_of_nothing(tmp_path: Path) -> None:
     assert assert_same_warning(both) < 2.0
 
 
+def test_how_long_a_manoeuvre_was_flown_counts_its_gaps(tmp_path: Path) -> None:
+    arrivals = in_order(doublets(fail=False)[0][: BEGINS + 22])
+    whole = flown_and_scored(tmp_path / "whole", arrivals)
+    gap = flown_and_scored(tmp_path / "gap", arrivals[: BEGINS + 8] + arrivals[BEGINS + 18 :])
+    reasons = (both.scored.manoeuvres[0].validity.reasons for both in (whole, gap))
+    (flown,), (flown_with_gap,) = ([why for why in each if "beginning" in why] for each in reasons)
+    assert flown == flown_with_gap
+
+
 def with_lost_samples(y: Array, rows: Sequence[int]) -> Array:
     """Each of these has a value that no aircraft reaches, so the monitor does not use it."""
     changed = y.copy()
