@@ -16,9 +16,11 @@ from core.clearance.clearance import ClearanceRecipe
 from core.clearance.with_monitor import MONITOR
 from core.evaluation.rates import clopper_pearson
 from core.monitor.recipe import MonitorRecipe
+from core.planned_test.nonlinear_test import JsbsimTest, SixDofTest
 from core.planned_test.planned_test import DatasetRecipe, ManeuverTest, needs_limits
 from core.types import Array
 
+FOOT, KNOT = 0.3048, 1852.0 / 3600.0
 State = Literal["planned", "on condition", "cleared", "hold", "complete", "aborted"]
 
 
@@ -146,6 +148,31 @@ class Condition:
     @property
     def aircraft(self) -> str:
         return self.test.aircraft.description.split(";")[0]
+
+    @property
+    def trim(self) -> str:
+        """Trim before the manoeuvre, as far as known: altitude, airspeed, Mach, load factor."""
+        test, more = self.test, ()
+        if isinstance(test, SixDofTest):
+            at = test.condition
+            altitude, airspeed = at.altitude_m, at.point.airspeed
+            more = (f"Mach {at.mach:.3g}", f"load factor {at.load_factor:.3g} g")
+            more += (f"flight path angle {at.path_deg:.3g} deg",) if at.path_deg else ()
+        elif isinstance(test, DatasetRecipe):
+            known = test.aircraft.condition
+            altitude, airspeed = known.altitude, known.airspeed
+        else:
+            altitude = airspeed = None
+        height = (
+            () if altitude is None else (f"altitude {altitude / FOOT:,.0f} ft ({altitude:g} m)",)
+        )
+        speed = () if airspeed is None else (f"{airspeed / KNOT:.0f} kt true airspeed",)
+        return ", ".join((*height, *speed, *more))
+
+    @property
+    def full_deg(self) -> float | None:
+        """Command of full stick or pedal [deg]; None where commands are of the surface."""
+        return self.test.aircraft.full_deg if isinstance(self.test, JsbsimTest) else None
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from app.assessment.planned_test import PlannedTest
 from app.campaigns.campaign import Campaign
 from app.campaigns.clearing import bound_in_words, checklist, history
 from app.campaigns.point import Condition, percent_at_most
@@ -17,13 +16,10 @@ from app.report.page import TEMPLATES
 from app.report.strip_chart import CROSS, DOT, STROKE, StripChart
 from core import __version__
 from core.clearance.identification import Identification
-from core.planned_test.planned_test import ManeuverTest
 from core.types import Array
 
 HEIGHT, ROW_HEIGHT = 230.0, 12.0
 """Heights of the build-up plot, and of a row of the plot of derivatives [px]."""
-MOST_STEPS = 12
-"""Longest input that is described step by step."""
 ROOM = 1.08
 """Axis length as a multiple of the largest number."""
 
@@ -34,7 +30,8 @@ def campaign_page(campaign: Campaign) -> str:
         campaign=campaign,
         point=point,
         checklist=checklist(campaign, point) if point else (),
-        input=input_words(campaign.test_of(point)) if point else "",
+        condition=campaign.condition_of(point) if point else None,
+        test=campaign.test_of(point) if point else None,
         is_first=campaign.is_first,
         conditions=[_condition(campaign, condition) for condition in campaign.conditions],
         any_cleared=any(point.clearing and point.clearing.cleared for point in campaign.points),
@@ -42,19 +39,6 @@ def campaign_page(campaign: Campaign) -> str:
         exceeding_at_most=percent_at_most(campaign.exceeding_at_most),
         version=__version__,
     )
-
-
-def input_words(test: ManeuverTest) -> str:
-    """The input step by step: time, surface, deflection; empty if it has too many steps."""
-    commands = np.degrees(PlannedTest.of(test).commands)
-    lines: list[str] = []
-    names = [test.dictionary.channels[c].label for c in test.dictionary.of_role("control")]
-    for name, command in zip(names, commands.T, strict=True):
-        changes = np.flatnonzero(np.diff(command, prepend=0.0))
-        if 0 < len(changes) <= MOST_STEPS:
-            steps = (f"at {k * test.dt:g} s to {command[k]:.3g} deg" for k in changes)
-            lines.append(f"{name} {', '.join(steps)}")
-    return "; ".join(lines)
 
 
 def _condition(campaign: Campaign, condition: Condition) -> dict[str, Any]:

@@ -5,7 +5,7 @@ Commands are constant over each step, with the value at t_k = k dt for sample k.
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields, replace
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from math import inf, isfinite, log
 from typing import Annotated, Literal, NamedTuple, Self
 
@@ -38,6 +38,24 @@ Pull = Annotated[
 ]
 TIME_GUARD = 1e-9
 """[s] An input due at t_k starts at sample k, despite rounding of t_k."""
+MOST_MOVES = 40
+"""Most changes of one command that are written out."""
+
+
+class Move(NamedTuple):
+    """A planned change of a command: start and end [s], and its value then [deg].
+
+    A step ends when it starts; a ramp has a constant rate.
+    """
+
+    start: float
+    end: float
+    value: float
+
+    def __str__(self) -> str:
+        if self.end == self.start:
+            return f"at {self.start:g} s to {self.value:.3g} deg"
+        return f"from {self.start:g} s to {self.end:g} s steadily to {self.value:.3g} deg"
 
 
 class Hands(NamedTuple):
@@ -117,6 +135,50 @@ class Maneuver(ABC):
     def captured(self) -> Axis | None:
         """The axis whose targets the commands of its surface are; None: all are commands."""
         return None
+
+    @property
+    def corners_s(self) -> tuple[float, ...]:
+        """Times after the trim segment; each command is constant or a ramp between two of them."""
+        return (0.0, *accumulate(self.segments_s))
+
+    @property
+    def moves(self) -> dict[Surface, list[Move]]:
+        """Planned changes of each command that moves, without scatter; times from the start."""
+        last = self.duration_s - self.lead_in_s
+        corners = sorted({round(t, 9) for t in self.corners_s if t < last} | {last})
+        sides = np.add.outer(corners, 10.0 * TIME_GUARD * np.array([-1.0, 1.0]))
+        reached = self.commands(sides.reshape(1, -1), np.array([self.segments_s]))[0]
+        least = 1e-4 * abs(self.peak_deg)
+        moves: dict[Surface, list[Move]] = {}
+        for surface, c in list(COLUMN.items())[: self.n_surfaces]:
+            start, value = self.lead_in_s, 0.0
+            each = moves[surface] = []
+            values = reached[:, c].reshape(sides.shape).tolist()
+            for corner, (before, after) in zip(corners, values, strict=True):
+                end = self.lead_in_s + corner
+                if abs(before - value) > least:
+                    value = before
+                    each.append(Move(start, end, round(value, 4) + 0.0))
+                if abs(after - value) > least and corner < last:
+                    value = after
+                    each.append(Move(end, end, round(value, 4) + 0.0))
+                start = end
+        return {surface: each for surface, each in moves.items() if each}
+
+    @property
+    def in_words(self) -> str:
+        """Every command that moves, with the times and values of its changes."""
+        return "; ".join(
+            f"{surface if self.captured is None else f'{self.captured} target ({surface})'} "
+            + (
+                ", ".join(map(str, moves))
+                if len(moves) <= MOST_MOVES
+                else f"{len(moves)} changes from {moves[0].start:g} s to {moves[-1].end:g} s, "
+                f"between {min(move.value for move in moves):.3g} and "
+                f"{max(move.value for move in moves):.3g} deg, as in the table of its recipe"
+            )
+            for surface, moves in self.moves.items()
+        )
 
     @abstractmethod
     def with_peak(self, peak_deg: float) -> Self:
@@ -373,6 +435,15 @@ class FrequencySweep(OneSurface):
     def segments_s(self) -> tuple[float, ...]:
         return (self.sweep_s,)
 
+    @property
+    def in_words(self) -> str:
+        end = min(self.lead_in_s + self.sweep_s, self.duration_s)
+        return (
+            f"{self.surface} sine of {self.amplitude_deg:.3g} deg from {self.lead_in_s:g} s to "
+            f"{end:g} s, swept {'steadily' if self.spacing == 'linear' else 'logarithmically'} "
+            f"from {self.start_hz:g} to {self.end_hz:g} Hz in {self.sweep_s:g} s"
+        )
+
     def n_samples(self, dt: float) -> int:
         """As for every manoeuvre; ValueError also if dt is too large for the highest frequency."""
         highest = max(self.start_hz, self.end_hz)
@@ -427,6 +498,10 @@ class Table(Maneuver):
     @property
     def segments_s(self) -> tuple[float, ...]:
         return (self.t_s[-1],)
+
+    @property
+    def corners_s(self) -> tuple[float, ...]:
+        return self.t_s
 
     @property
     def peak_deg(self) -> float:

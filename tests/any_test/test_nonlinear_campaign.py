@@ -27,7 +27,7 @@ from core.clearance.clearance import (
     calibrate,
 )
 from core.clearance.with_monitor import with_monitor
-from core.planned_test.nonlinear_test import JsbsimTest, NonlinearTest
+from core.planned_test.nonlinear_test import JsbsimTest, NonlinearTest, SixDofTest
 from core.simulation.maneuver import MANEUVERS
 from core.types import Array, Flags
 from tests.support.api import api, finished, store_of
@@ -123,6 +123,31 @@ def test_the_command_line_flies_a_build_up(tmp_path: Path) -> None:
     assert main(["campaign", "recipe", str(file), "-o", str(next_recipe)]) == 0
     planned = json.loads(next_recipe.read_text())["dataset"]
     assert planned["maneuver"]["amplitude_deg"] == load(file).next.point.peak_deg
+
+
+def card(test: SixDofTest) -> str:
+    """The printed card of the first point, at the full amplitude."""
+    condition = Condition("", test)
+    return campaign_page(Campaign("Card", (condition,), points_at(condition, (1.0, 1.1))))
+
+
+def test_the_card_has_every_control_that_moves_with_its_ramps() -> None:
+    turn = card(NonlinearTest(maneuver=MANEUVERS["wind_up_turn"]).with_usual())
+    assert "elevator from 0.5 s to 8.5 s steadily to -5 deg" in turn
+    pull = card(TEST)
+    assert "elevator from 0.5 s to 1.5 s steadily to -5 deg" in pull
+    assert "aileron at 1.5 s to -5 deg, at 2.5 s to 0 deg" in pull
+
+
+def test_the_card_has_the_trim_that_the_checklist_asks_to_confirm() -> None:
+    turn = card(NonlinearTest(maneuver=MANEUVERS["wind_up_turn"]).with_usual())
+    trim = "altitude 15,000 ft (4572 m), 376 kt true airspeed, Mach 0.6, load factor 2 g"
+    assert f"Trim: {trim}." in turn
+    assert "Mach 0.165, load factor 1 g" in card(JsbsimTest())
+
+
+def test_the_card_of_jsbsim_says_what_full_stick_is() -> None:
+    assert "(25 deg: full stick or pedal)" in card(JsbsimTest())
 
 
 def test_a_build_up_is_flown_over_rest(tmp_path: Path) -> None:
