@@ -251,9 +251,12 @@ def _recipe(options: argparse.Namespace) -> int:
     if point.clearing and (monitor := point.clearing.monitor):
         plain["monitor"] = to_plain(monitor)
     write_whole(options.out, json_codec.encode(plain))
-    steps = ", ".join(step.name for step in campaign.flown(point.condition))
+    aircraft = "as planned"
+    if campaign.condition_of(point).is_identifiable:
+        steps = ", ".join(step.name for step in campaign.flown(point.condition))
+        aircraft = f"as identified from {steps}"
     text = (
-        f"written: {options.out}, for {point.name} with the aircraft as identified from {steps}; "
+        f"written: {options.out}, for {point.name} with the aircraft {aircraft}; "
         f"train with `forewarn train --recipe {options.out}`"
     )
     print_result(options, text, {"file": str(options.out)} | plain)

@@ -125,6 +125,18 @@ def test_the_command_line_flies_a_build_up(tmp_path: Path) -> None:
     assert planned["maneuver"]["amplitude_deg"] == load(file).next.point.peak_deg
 
 
+def test_a_recipe_without_identification_has_the_aircraft_as_planned(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "turn.json"
+    test = ["--aircraft", "f16_polynomial", "--maneuver", "wind_up_turn"]
+    assert main(["campaign", "new", str(file), "--name", "Turn", *test]) == 0
+    assert main(["campaign", "recipe", str(file), "-o", str(tmp_path / "next.json")]) == 0
+    told = capsys.readouterr().out
+    assert "aircraft as planned" in told
+    assert "identified" not in told
+
+
 def card(test: SixDofTest) -> str:
     """The printed card of the first point, at the full amplitude."""
     condition = Condition("", test)
