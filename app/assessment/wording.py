@@ -202,7 +202,9 @@ def _not_exceeded(dictionary: Dictionary, peaks: Sequence[Peak]) -> list[str]:
         for peak in peaks
         if peak.largest is None
     )
-    lines = [f"no recorded sample exceeded a limit: {known}"] if known or not peaks else []
+    raw = any(each.is_beyond(each.recorded) for each in peaks if each.largest is not None)
+    exceeded = "exceeded a limit from trim" if raw else "exceeded a limit"
+    lines = [f"no recorded sample {exceeded}: {known}"] if known or not peaks else []
     return [*lines, f"{unknown}: a limit may have been exceeded"] if unknown else lines
 
 
@@ -210,8 +212,10 @@ def _peak_in_words(channel: Channel, peak: Peak, value: float, *, is_trimmed: bo
     """`|Ny| 0.45 g of 0.5 g from trim`; `Nz 4.2 g, safe -1 g to 4.9 g`."""
     trim = " from trim" if channel.reference == "trim" and is_trimmed else ""
     if -peak.low == peak.high:
-        limit = channel.read(peak.high)
-        return f"|{channel.key}| {channel.read(abs(value))} of {limit}{trim}"
+        limit, size = channel.read(peak.high), abs(value) if abs(value) > NOISE * peak.high else 0.0
+        near = (channel.read(size, digits) for digits in range(3, 7))
+        text = next((text for text in near if text != limit), limit)
+        return f"|{channel.key}| {text} of {limit}{trim}"
     safe = ends_in_words(channel, peak.low, peak.high)
     return f"{channel.key} {channel.read(value)}{trim}, safe {safe}"
 
@@ -237,6 +241,8 @@ def _beyond_as_recorded(dictionary: Dictionary, peak: Peak) -> str:
     )
 
 
+NOISE = 1e-9
+"""Share of a limit below which a value is rounding error."""
 MOST_LISTED = 20
 """Exceedances outside every manoeuvre that are printed."""
 NOTHING = "no sample assessed: see the state column of assessments.csv"

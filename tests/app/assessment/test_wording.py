@@ -37,6 +37,14 @@ def exceeded(t: float) -> Limited:
     return NONE._replace(exceedance=RecordedExceedance(t, "Ny", 0.2))
 
 
+def of_remarks(limited: Limited) -> tuple[str, ...]:
+    planned: Any = SimpleNamespace(
+        limits_known=True, trim_segment_s=1.0, dt=0.1, dictionary=LATERAL
+    )
+    segment: Any = SimpleNamespace(is_rest=False, requested=None, rest=None, onset=None, first=0)
+    return remarks(planned, segment, limited, assessments(0.1))
+
+
 @pytest.mark.parametrize(
     ("limited", "end"),
     [
@@ -69,15 +77,11 @@ SKID = RecordedExceedance(8.5, "beta", float(np.radians(-7.0)))
 def test_peaks_are_in_display_units():
     within, limit, beyond = np.radians([4.0, 5.0, 6.0]).tolist()
     limited = Limited(None, (Peak("beta", within, -limit, limit, beyond),), 0.0)
-    planned: Any = SimpleNamespace(
-        limits_known=True, trim_segment_s=1.0, dt=0.1, dictionary=LATERAL
-    )
-    segment: Any = SimpleNamespace(is_rest=False, requested=None, rest=None, onset=None, first=0)
-    inside, as_recorded = remarks(planned, segment, limited, assessments(0.1))
+    inside, as_recorded = of_remarks(limited)
     assert inside.endswith(": |beta| 4 deg of 5 deg from trim")
     assert "is 6 deg, beyond the limit of 5 deg:" in as_recorded
     biased = limited._replace(peaks=(limited.peaks[0]._replace(bias=float(np.radians(2.0))),))
-    _, as_recorded = remarks(planned, segment, biased, assessments(0.1))
+    _, as_recorded = of_remarks(biased)
     assert "trim and the bias of 2 deg that the mapping removes, is 6 deg" in as_recorded
 
 
@@ -85,12 +89,23 @@ def test_a_limited_channel_without_trim_may_have_exceeded_its_limit():
     traces = Traces({key: Trace(np.arange(3.0), np.full(3, 0.1)) for key in KEYS})
     limits = Limits(Ny=0.2).envelope
     limited = against_limits(traces, LATERAL, limits, np.full(len(KEYS), np.nan), 0.0, 2.0)
-    planned: Any = SimpleNamespace(
-        limits_known=True, trim_segment_s=1.0, dt=0.1, dictionary=LATERAL
-    )
-    segment: Any = SimpleNamespace(is_rest=False, requested=None, rest=None, onset=None, first=0)
-    (line,) = remarks(planned, segment, limited, assessments(0.1))
+    (line,) = of_remarks(limited)
     assert line.startswith("trim of Ny unknown, as recorded |Ny| 0.1 g of 0.2 g")
+
+
+@pytest.mark.parametrize(
+    ("largest", "recorded", "line"),
+    [
+        (0.19996, 0.201, "exceeded a limit from trim: |Ny| 0.19996 g of 0.2 g from trim"),
+        (0.19996, 0.19996, "exceeded a limit: |Ny| 0.19996 g of 0.2 g from trim"),
+        (5e-20, 5e-20, "exceeded a limit: |Ny| 0 g of 0.2 g from trim"),
+    ],
+)
+def test_a_value_within_its_limit_does_not_read_as_the_limit(
+    largest: float, recorded: float, line: str
+) -> None:
+    limited = NONE._replace(peaks=(Peak("Ny", largest, -0.2, 0.2, recorded),))
+    assert of_remarks(limited)[0] == f"no recorded sample {line}"
 
 
 def test_exceedances_and_trim_are_in_display_units():
