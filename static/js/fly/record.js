@@ -138,6 +138,8 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
     const held = heldDuring(flight.limits_held ?? [], longest);
     const newest = held.findLast(({ limits }) => limits !== null)?.limits ?? {};
     const limits = put.length > 0 || held.length > 0 ? newest : ownLimits(monitor);
+    const warned = alarms.filter(({ level }) => level === "warning").map(({ t }) => t);
+    panels.notice.querySelector(".source-result")?.replaceWith(sourceLine(flight, warned));
     panels.notice.append(...putLines(put));
     channels = withLimits(channelsOf(catalog, monitor), limits);
     showWall();
@@ -253,10 +255,10 @@ function untilText({ kind, t }, late) {
   return end ? `, until ${secondsText(end)}` : "";
 }
 
-/** Samples used and not used of a live source; null for another flight. */
-function sourceLine({ mode, live, lost }) {
+/** Samples used and not used of a live source; null for another flight. moments: times of warnings. */
+function sourceLine({ mode, live, lost }, moments = []) {
   if (mode !== "live") return null;
-  const words = live ? lossText(live) : ["counts unknown: the server was killed during the flight"];
+  const words = live ? lossText(live, moments) : ["counts unknown: the server was killed during the flight"];
   if (lost > 0) words.push(`samples not recorded: ${lost.toLocaleString("en")}`);
   return h("p", { class: "source-result" }, h("strong", {}, "Live source: "), words.join(" · "));
 }

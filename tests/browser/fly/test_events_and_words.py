@@ -50,6 +50,16 @@ def test_what_lies_ahead_of_the_time_shown_is_set_apart_until_it_is_passed(strip
     ]
 
 
+def test_late_intervals_with_a_warning_are_named_before_others(strips: Open) -> None:
+    words = strips().evaluate("""async () => {
+      const { lossText } = await import("/static/js/fly/source/live_panel.js");
+      const late = [1, 3, 5, 7, 9].map((start) => ({ start, end: start === 9 ? null : start + 1 }));
+      return lossText({ batches: 1, counts: { accepted: 1 }, late }, [7.5, 12]).at(-1);
+    }""")
+    warned = "7.00 s to 8.00 s (with a warning), 9.00 s to the end (with a warning)"
+    assert words == f"display stale, samples late: 1.00 s to 2.00 s, {warned} and 2 more times"
+
+
 def test_events_stand_in_the_order_of_their_time_whenever_they_are_told(strips: Open) -> None:
     told = strips().evaluate("""async () => {
       const { createEventList } = await import("/static/js/lib/event_list.js");

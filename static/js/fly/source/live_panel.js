@@ -11,7 +11,8 @@
  *   setStale(boolean)        whether the display is stale: the lag is then unknown
  * beginningNote({number, t}) -> {event, flag}    of a manoeuvre, for the event list and the strips
  * trimNotes(trims, channels) -> [{event, flag}]    of changes of the trim that is subtracted: of one time one event
- * lossText(live) -> [string]     samples of an ended flight, received and not used, by kind
+ * lossText(live, moments) -> [string]   samples of an ended flight, received and not used, by kind; moments: times of
+ *   its warnings, whose intervals of late samples are named first
  */
 
 import { may, needs } from "../../lib/api.js";
@@ -178,7 +179,7 @@ export function trimNotes(trims, channels) {
   });
 }
 
-export function lossText({ batches, counts, malformed, refused = "", foreign, resumed, late = [], unread = [] }) {
+export function lossText({ batches, counts, malformed, refused = "", foreign, resumed, late = [], unread = [] }, moments = []) {
   const losses = KINDS.filter(([kind]) => counts[kind] > 0).map(([kind, name]) => `${name}: ${counts[kind].toLocaleString("en")}`);
   const others = [["refused messages", malformed], ["foreign datagrams", foreign], ["restarts of the server", resumed]];
   return [
@@ -186,13 +187,16 @@ export function lossText({ batches, counts, malformed, refused = "", foreign, re
     ...losses,
     ...others.filter(([, n]) => n > 0).map(([name, n]) => `${name}: ${n.toLocaleString("en")}`),
     ...(refused ? [`the newest was refused: ${refused}`] : []),
-    ...(late.length > 0 ? [`display stale, samples late: ${late.slice(0, LISTED).map(lateText).join(", ")}${late.length > LISTED ? ` and ${late.length - LISTED} more times` : ""}`] : []),
+    ...(late.length > 0 ? [`display stale, samples late: ${lateText(late, moments)}`] : []),
     ...(unread.length > 0 ? [`not read: ${unread.join(", ")}`] : []),
   ];
 }
 
-function lateText({ start, end }) {
-  return `${secondsText(start)} to ${end === null ? "the end" : secondsText(end)}`;
+function lateText(late, moments) {
+  const isWarned = ({ start, end }) => moments.some((t) => start <= t && (end === null || t <= end));
+  const listed = late.toSorted((a, b) => isWarned(b) - isWarned(a)).slice(0, LISTED).sort((a, b) => a.start - b.start);
+  const words = listed.map((each) => `${secondsText(each.start)} to ${each.end === null ? "the end" : secondsText(each.end)}${isWarned(each) ? " (with a warning)" : ""}`);
+  return `${words.join(", ")}${late.length > LISTED ? ` and ${counted(late.length - LISTED, "more time")}` : ""}`;
 }
 
 function rate(hertz) {
