@@ -132,6 +132,11 @@ class Dictionary:
         """Positions of the channels with this role."""
         return tuple(k for k, known in enumerate(self.channels) if known.role == role)
 
+    @cached_property
+    def controls(self) -> tuple[str, ...]:
+        """Keys of the controls."""
+        return tuple(self.keys[c] for c in self.of_role("control"))
+
     def plus(self, *more: Channel) -> Self:
         """This dictionary with more channels after its own. ValueError."""
         if not more:

@@ -52,6 +52,8 @@ NOISES, RESOLUTIONS = 8.0, 2.0
 VARIES, REVERSES = 0.5, 1.0 / 3.0
 """Noise changes this share of the samples and turns around in this share of its changes. A smooth
 motion seldom turns, and a coarse channel at rest seldom changes."""
+NOISY = 0.25
+"""A control with noise in this share of the seconds in which it changed is not held exactly."""
 
 AGREES = 0.05
 """Share of a limit, or of the largest value in training, by which two samples may differ."""
@@ -212,7 +214,7 @@ class _Recent:
         flags, repeated = self._arrive(self.state, t, np.ascontiguousarray(y), source)
         if flags & LOOKS and t - self._measured >= MEASURE_S:
             self._measured = t
-            self._measure()
+            self.measure()
         return flags, repeated
 
     def forget_times(self) -> None:
@@ -224,7 +226,7 @@ class _Recent:
         first = int(t.searchsorted(newest - seconds - 1e-9))
         return self.state.y[max(first, self.n - KEPT) : self.n]
 
-    def _measure(self) -> None:
+    def measure(self) -> None:
         n = self._fill_roughness(self.state.t, self.state.y, self.n, *self._roughness)
         if n < FIRST_LOOK:
             return
@@ -237,8 +239,8 @@ class _Recent:
 class _Frozen:
     """Identical samples: a caution if the seconds before had noise, else an advisory.
 
-    A single channel whose value lasts for longer than ever: a caution, or an advisory for a
-    control, which may be held.
+    A single channel whose value lasts for longer than ever: a caution. A control may be held: an
+    advisory, unless it had noise before and the aircraft moves meanwhile.
     """
 
     def __init__(self, recent: _Recent, dictionary: Dictionary) -> None:
@@ -246,6 +248,11 @@ class _Frozen:
         self.measured = -np.inf
         self._n_measured = self._n_turning = 0
         self._varies = True
+        n = len(dictionary)
+        self._seconds = np.zeros((2, n), np.int64)
+        """(2, n_channels) seconds in which a channel changed, and in which that was noise"""
+        self._sure = np.full(n, np.nan)
+        """(n_channels,) since when a control is surely frozen [s]"""
 
     def push(self, t: float, y: Array, *, is_same: bool, holds: bool) -> Doubt | None:
         """is_same: whether a sample is identical to the last one.   holds: a channel is frozen."""
@@ -267,15 +274,33 @@ class _Frozen:
         )
 
     def _of_channels(self) -> Doubt:
-        runs = self._recent.state.runs
-        (frozen,) = np.nonzero(runs[:, kernel.IS_FROZEN])
-        is_output = not set(frozen.tolist()).isdisjoint(self._dictionary.of_role("output"))
-        channels = [self._dictionary.channels[c] for c in frozen.tolist()]
-        names = ", ".join(channel.symbol for channel in channels)
-        since = runs[frozen, kernel.SINCE_T].min().item()
-        level = Level.CAUTION if is_output else Level.ADVISORY
-        reason = f"{names} frozen since {since:.2f} s: check the sensor"
-        return Doubt("frozen", level, since, reason, tuple(channel.key for channel in channels))
+        runs, roles = self._recent.state.runs, self._dictionary
+        since, frozen = runs[:, kernel.SINCE_T], runs[:, kernel.IS_FROZEN] > 0.0
+        controls = [c for c in roles.of_role("control") if frozen[c] and since[c] != self._sure[c]]
+        changed, noisy = self._seconds[:, controls]
+        held = np.array(controls, np.int64)[(noisy > 0) & (noisy >= NOISY * changed)]
+        if len(held) and self._moves():
+            self._sure[held] = since[held]
+        is_sure = frozen & (since == self._sure)
+        outputs = [*roles.of_role("output")]
+        is_sure[outputs] = frozen[outputs]
+        level = Level.CAUTION if is_sure.any() else Level.ADVISORY
+        (at,) = np.nonzero(is_sure if is_sure.any() else frozen)
+        channels = [roles.channels[c] for c in at.tolist()]
+        names, t = ", ".join(channel.symbol for channel in channels), since[at].min().item()
+        reason = f"{names} frozen since {t:.2f} s: check the sensor"
+        return Doubt("frozen", level, t, reason, tuple(channel.key for channel in channels))
+
+    def _moves(self) -> bool:
+        """Whether a response moves further than its noise, and than at rest."""
+        outputs = [*self._dictionary.of_role("output")]
+        y = self._recent.window(REACTS_S)[:, outputs]
+        moved = np.fmax.reduce(y, axis=0) - np.fmin.reduce(y, axis=0)
+        if not (moved > RESTS).any():
+            return False
+        self._recent.measure()
+        moves = moved > np.fmax(self._recent.uncertainty[outputs], RESTS)
+        return self._recent.is_measured and bool(moves.any())
 
     @property
     def _has_noise(self) -> bool:
@@ -288,10 +313,13 @@ class _Frozen:
         if is_first or len(changes) < FEWEST:
             return
         self._n_measured += 1
-        self._varies &= bool((changes != 0.0).any(axis=1).mean() >= VARIES)
-        turns = changes[1:] * changes[:-1]
-        n_turns, n = np.count_nonzero(turns < 0.0, axis=0), np.count_nonzero(turns, axis=0)
-        self._n_turning += bool((n_turns > REVERSES * np.maximum(n, FEWEST)).any())
+        varies = changes != 0.0
+        self._varies &= bool(varies.any(axis=1).mean() >= VARIES)
+        products = changes[1:] * changes[:-1]
+        n_turns, n = np.count_nonzero(products < 0.0, axis=0), np.count_nonzero(products, axis=0)
+        turns = n_turns > REVERSES * np.maximum(n, FEWEST)
+        self._n_turning += bool(turns.any())
+        self._seconds += varies.any(axis=0), turns & (varies.mean(axis=0) >= VARIES)
 
 
 class FrozenPart(NamedTuple):

@@ -1,7 +1,7 @@
 """Scoring: from recorded channels to a verdict on each manoeuvre. Deterministic."""
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import takewhile
 from typing import Any
@@ -474,9 +474,8 @@ def _verdict(
         why = judged.unknown
     elif limited.exceedance is None:
         about = limited, judged.assessments, None if peak is None and not is_missing else alerts
-        why = why_outcome_unknown(*about, flight.monitor.dt) or _why_frozen(
-            flight, limited, part["t"]
-        )
+        keys = {peak.channel for peak in limited.peaks}
+        why = why_outcome_unknown(*about, flight.monitor.dt) or _why_frozen(flight, part["t"], keys)
     elif (
         (withdrawal is None or is_missing)
         and not _was_silent(judged)
@@ -484,6 +483,12 @@ def _verdict(
     ):
         about = limited, limited.exceedance, judged.assessments, warned, promised
         why = why_warning_unknown(*about, flight.monitor.dt)
+    if (
+        not why
+        and limited.exceedance is not None
+        and result in ("missed", "late_alert", "unassessed")
+    ):
+        why = _why_frozen(flight, part["t"][part["t"] < limited.exceedance.t - SAME_TIME])
     if why:
         result, lead = "unseen", None
         lines.append(why)
@@ -523,13 +528,13 @@ def _verdict(
     )
 
 
-def _why_frozen(flight: RecordedFlight, limited: Limited, t: Array) -> str:
-    """Why "no exceedance" is uncertain, because a limited channel was frozen at these times [s]."""
-    keys = {peak.channel for peak in limited.peaks}
+def _why_frozen(flight: RecordedFlight, t: Array, keys: Collection[str] = ()) -> str:
+    """Why there is no verdict, because a control or one of these was frozen at these times [s]."""
+    keys = {*keys, *flight.planned.dictionary.controls}
     reasons = (
         f"data missing: {part.reason}"
         for part in flight.grid.frozen
-        if not keys.isdisjoint(part.channels) and part.start <= t[-1] and part.end >= t[0]
+        if not keys.isdisjoint(part.channels) and len(t) and part.start <= t[-1] >= t[0] <= part.end
     )
     return next(reasons, "")
 

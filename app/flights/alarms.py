@@ -133,8 +133,8 @@ class Alarms:
     def evidence(self) -> list[Alarm]:
         """The alarms that decide whether the flight was warned, however many were acknowledged.
 
-        The risks of the manoeuvre of the earliest exceedance from trim, that exceedance, the
-        earliest and the latest exceedance of all.
+        The risks of the manoeuvre of the earliest exceedance from trim, that exceedance, what
+        froze last before it, the earliest and the latest exceedance of all.
         """
         return [*self._risks, *self._evidence.values()]
 
@@ -298,11 +298,13 @@ class Alarms:
         return alarm
 
     def _keep_evidence(self, alarm: Alarm) -> None:
+        evidence, t = self._evidence, attrgetter("t")
+        if alarm.kind == "frozen" and alarm.t <= evidence.get("from trim", alarm).t:
+            evidence["frozen"] = alarm
         if alarm.level is not Level.WARNING:
             return
         if alarm.exceedance is not None:
             self._certainty = certainty_of(alarm.exceedance)
-        evidence, t = self._evidence, attrgetter("t")
         if alarm.kind == "risk":
             first = evidence.get("from trim")
             if first is None or alarm.t <= first.t:

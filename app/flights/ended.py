@@ -212,7 +212,8 @@ def _verdict(
         before = stored_before(store, info.id, first, promised, monitor.dt)
         live = info.source.get("kind") == "live"
         longest = longest_manoeuvre(planned_length(monitor.dataset_recipe))
-        return verdict(alarms, Circumstances(promised, *before, live, longest))
+        controls = Dictionary.from_stored(monitor.dictionary).controls
+        return verdict(alarms, Circumstances(promised, *before, live, longest, controls))
     if info.exceeded_t is not None and not any(alarm.kind == "limit" for alarm in alarms):
         return not_flown(info.exceeded_t)
     return verdict(alarms)
@@ -231,8 +232,9 @@ def _doubt(
     known = np.isfinite(y)
     limited, dictionary = _limited(info, used), Dictionary.from_stored(used[0].dictionary)
     for alarm in alarms:
-        is_limited = not (alarm.channels and limited.isdisjoint(alarm.channels))
-        if alarm.kind == "frozen" and is_limited:  # which ones, old alarms do not record
+        counts = limited.union(dictionary.controls)
+        is_counted = not (alarm.channels and counts.isdisjoint(alarm.channels))
+        if alarm.kind == "frozen" and is_counted:  # which ones, old alarms do not record
             return no_verdict("unseen", alarm.reason or "")
 
     def missing(start: float, end: float) -> str:

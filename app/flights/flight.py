@@ -664,7 +664,7 @@ class Flight(ABC):
         alarms, live = self.alarms.evidence, self.plan.source.get("kind") == "live"
         reached = [alarm.t for alarm in alarms if alarm.kind == "limit"]
         if self.manoeuvres is None or not reached:
-            about = self.lead, *before, live, self._longest
+            about = self.lead, *before, live, self._longest, self.plan.monitor.dictionary.controls
             self.verdict = verdict(alarms, Circumstances(*about))
         else:
             about = alarms, reached, self.plan.monitor.dt, self.lead
@@ -672,7 +672,7 @@ class Flight(ABC):
 
     def _raise_alarms(self, alarms: list[Alarm]) -> None:
         for alarm in alarms:
-            self._has_new_evidence |= alarm.level is Level.WARNING
+            self._has_new_evidence |= alarm.level is Level.WARNING or alarm.kind == "frozen"
             self.recorder.add_event(alarm, partial(self._announce, alarm.id))
 
     def _announce(self, alarm_id: str, is_stored: bool) -> None:

@@ -49,6 +49,7 @@ class Circumstances(NamedTuple):
     unassessed: the verdict if no sample could warn of it in time, see `unassessed`; else empty.
     live: alarms stored without `arrived` count from when they were raised.
     longest: [s] an earlier alert belongs to another manoeuvre.
+    controls: their keys; where one was frozen, the monitor has not missed.
     """
 
     promised: float = 0.0
@@ -57,6 +58,7 @@ class Circumstances(NamedTuple):
     unassessed: str = ""
     live: bool = False
     longest: float = inf
+    controls: tuple[str, ...] = ()
 
 
 AS_FLOWN = Circumstances()
@@ -78,7 +80,8 @@ class SampleCause(NamedTuple):
 
 def verdict(alarms: Iterable[Alarm], circumstances: Circumstances = AS_FLOWN) -> Verdict | None:
     """How the first exceedance from trim was warned of; None without an exceedance."""
-    alarms, (promised, jumped, withdrawn, unassessed, live, longest) = [*alarms], circumstances
+    promised, jumped, withdrawn, unassessed, live, longest, controls = circumstances
+    alarms = [*alarms]
     jumped &= not live
     first, raw = first_exceedance(alarms), _first(alarms)
     if first is None:
@@ -93,6 +96,13 @@ def verdict(alarms: Iterable[Alarm], circumstances: Circumstances = AS_FLOWN) ->
     )
     if jumped and not alerts:
         return not_flown(first.t)
+    if any(
+        alarm.kind == "frozen"
+        and first.t - longest <= alarm.t < first.t
+        and not {*controls}.isdisjoint(alarm.channels or ())
+        for alarm in alarms
+    ):
+        unassessed = UNASSESSED
     exceedance = RecordedExceedance(first.t, "", 0.0)
     result, lead = outcome(tuple((t, t) for t in alerts), exceedance, promised)
     if unassessed and not withdrawn and result != "timely_alert":

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from app.assessment.input_checks import Doubt, InputChecks
+from app.assessment.input_checks import Doubt, InputChecks, frozen_parts
 from app.assessment.planned_test import PlannedTest
 from core.channels import KEYS
 from core.limits.limits import Envelope
@@ -76,6 +76,23 @@ def test_a_channel_that_keeps_its_value_for_longer_than_ever_is_frozen_each_time
     assert PLANNED.dictionary.channels[c].symbol in found[0].reason
     y[100:180, c] = y[250:330, c] = np.nan
     assert doubts(t, y) == []
+
+
+@pytest.mark.parametrize(("noise", "moves"), [(2e-3, True), (2e-3, False), (0.0, True)])
+def test_a_control_frozen_after_noise_is_a_caution_if_the_aircraft_moves(
+    noise: float, moves: bool
+) -> None:
+    """Without noise it may be held, as by a step or at its stop."""
+    t, y = np.linspace(0.0, 399 * DT, 400), NOISE.copy()
+    y[:, RUDDER] = np.sin(t) if noise == 0.0 else y[:, RUDDER]
+    y[200:, RUDDER] = y[200, RUDDER]
+    y[250:, 2] += moves * 0.1 * np.sin(3.0 * (t[250:] - t[250]))
+    (found,) = [d for d in doubts(t, y) if d.kind == "frozen"]
+    is_sure = noise > 0.0 and moves
+    assert found.level is (Level.CAUTION if is_sure else Level.ADVISORY)
+    parts = frozen_parts(PLANNED.dictionary, t, y)
+    expected = [(pytest.approx(4.0), ("delta_r",))] if is_sure else []
+    assert [(part.start, part.channels) for part in parts] == expected
 
 
 def test_a_channel_may_rest_as_long_as_before_or_between_two_coarse_steps() -> None:

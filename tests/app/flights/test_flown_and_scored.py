@@ -46,10 +46,12 @@ def at_rest(ny: float = 0.0) -> Array:
     return y
 
 
-def frozen_ny() -> Array:
+def frozen(key: str, first: int = BEGINS + 5, ny: float = 0.0) -> Array:
+    """A channel freezes after noise; N_y takes a value from 3 s after the first input."""
     y = doublets(fail=False)[0]
     y = y + 1e-4 * np.random.default_rng(3).standard_normal(y.shape)
-    return with_channel(y, "Ny", y[BEGINS + 4, NY], BEGINS + 5)
+    y[2 * BEGINS :, NY] += ny
+    return with_channel(y, key, y[first - 1, KEYS.index(key)], first)
 
 
 def words(both: FlownAndScored) -> tuple[str, str]:
@@ -95,7 +97,9 @@ WORDS = pytest.mark.parametrize(
             with_channel(doublets(fail=True)[0], "beta", np.nan, len(doublets(fail=True)[0]) - 25),
             "LIMIT EXCEEDED, data missing, no verdict",
         ),
-        (frozen_ny(), "DATA MISSING"),
+        (frozen("Ny"), "DATA MISSING"),
+        (frozen("delta_r"), "DATA MISSING"),
+        (frozen("delta_r", BEGINS - 5, 0.6), "LIMIT EXCEEDED, data missing, no verdict"),
         (at_rest(), "NOT ASSESSED"),
         (with_channel(at_rest(), "delta_r", np.nan, 40, 80), "DATA MISSING"),
         (at_rest(0.7), "LIMIT EXCEEDED outside every manoeuvre, where nothing was assessed"),
@@ -109,6 +113,8 @@ WORDS = pytest.mark.parametrize(
         "exceeds_without_beta",
         "beta_before_it",
         "frozen_Ny",
+        "frozen_rudder",
+        "exceeds_with_a_frozen_rudder",
         "rest",
         "rest_without_rudder",
         "exceeds_at_rest",
