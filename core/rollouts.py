@@ -289,7 +289,10 @@ def labels(
     unlabelled = fail == UNLABELLED
     if measured is None and unlabelled.any():
         some = "" if unlabelled.all() else f" for {unlabelled.sum()} of {n} flights"
-        raise RolloutsError(f"neither fail_index nor limits were given{some}: give one of them")
+        raise RolloutsError(
+            f"neither labels nor limits were given{some}: set a limit, or label the flights "
+            "in their files, by fail_index"
+        )
     fail = np.where(fail < 0, n_samples, fail)
     if measured is not None:
         fail = np.where(unlabelled, measured, fail)

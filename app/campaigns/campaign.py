@@ -322,8 +322,14 @@ def points_at(
 ) -> tuple[Point, ...]:
     """Points at these fractions of the amplitude of a condition's test.
 
-    A point is named by its fraction, and by its condition if that has a name.
+    A point is named by its fraction, and by its condition if that has a name. CampaignError for a
+    fraction above 1: the test is that of the last point.
     """
+    if max(fractions, default=0.0) > 1.0:
+        raise CampaignError(
+            f"steps={' '.join(f'{part:g}' for part in fractions)} was given: each is a share of "
+            "the planned amplitude, at most 1; give smaller ones, or plan a larger amplitude"
+        )
     return tuple(
         Point(
             _name(part, condition),

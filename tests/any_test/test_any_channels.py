@@ -231,7 +231,7 @@ def test_failures_of_one_setting_are_reported() -> None:
         ({"channels": ["alpha", "q", "Nz", "delta_x"]}, "did you mean delta_"),
         ({"channels": ["alpha", "q"]}, "give \\(flights, samples, 2\\)"),
         ({"dt": 0.0}, "positive sample interval"),
-        ({"limits": None}, "neither fail_index nor limits"),
+        ({"limits": None}, "neither labels nor limits"),
         ({"fail_index": np.full(40, 500)}, "first failing sample or -1"),
         ({"fail_index": np.full(40, -1)}, "0 of 40 flights fail"),
         ({"theta": np.zeros(40)}, "one row for each"),

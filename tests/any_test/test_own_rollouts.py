@@ -335,7 +335,7 @@ def test_a_method_that_is_asked_for_is_used(
         (["--limit", "Nz=2deg"], "not a unit of this quantity"),
         (["--limit", "Nz=..0.5"], "normal acceleration (Nz) is 1 g in trimmed flight"),
         (["--limit", "Nz=5..2"], "'Nz=5..2': low is not below high"),
-        ([], "neither fail_index nor limits"),
+        ([], "neither labels nor limits"),
         (["--limit", "Nz=-9..20"], "0 of 1600 flights fail"),
         (["--limit", "Nz=..38g"], "values beyond 30 g"),
         (["--limit", "Nz=-1..1e400"], "1e400 is too large"),

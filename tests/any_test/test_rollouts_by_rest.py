@@ -192,7 +192,7 @@ def test_findings_are_kept_with_the_dataset(client: TestClient) -> None:
 @pytest.mark.parametrize(
     ("sent", "said", "words"),
     [
-        ({"y": np.zeros((3, 5, 4))}, {}, "neither fail_index nor limits"),
+        ({"y": np.zeros((3, 5, 4))}, {}, "neither labels nor limits"),
         ({}, {"limit": "Nzz=..2"}, "did you mean Nz"),
         ({}, {"limit": "Nz=..2deg"}, "not a unit of this quantity"),
         ({}, {"limit": "Nz=-20..20"}, "0 of 6 flights fail"),

@@ -313,9 +313,14 @@ def test_a_campaign_is_planned_on_the_page_and_refused_with_words(
     expect(named).to_contain_text("No name was given")
     page.get_by_label("name of the campaign").fill("Doublets")
     steps = page.get_by_label("steps, as shares of the amplitude")
-    steps.fill("0.8 0.4")
-    page.get_by_role("button", name="Plan the campaign").click()
-    expect(page.locator(".field", has=steps)).to_contain_text("one sign and grow")
+    for wrong, words in (
+        ("a b", "“a b” was given: give numbers"),
+        ("0.8 0.4", "one sign and grow"),
+        ("1 2 3", "1 2 3 was given: each is a share"),
+    ):
+        steps.fill(wrong)
+        page.get_by_role("button", name="Plan the campaign").click()
+        expect(page.locator(".field", has=steps)).to_contain_text(words)
     steps.fill("0,5 1")
     page.get_by_label("pass below").fill("0.9")
     page.get_by_role("button", name="Plan the campaign").click()

@@ -33,21 +33,28 @@ function formOf({ api, catalog, campaign, navigate, title, given }) {
   const criteria = textInput({ maxlength: 1000, placeholder: "optional" });
   const named = labelled("name of the campaign", name);
   const stepField = labelled("steps, as shares of the amplitude", steps, { hint: "increasing, separated by spaces" });
+  const passField = labelled("pass below this share of a limit", passes, { hint: "1 is the limit itself" });
   const where = campaign ? "condition" : "conditions.0";
   const own = {
     ...(campaign ? {} : { name: named }),
     [`${where}.name`]: labelled("flight condition", condition, { hint: "points are cleared only from steps flown at the same condition" }),
     [`${where}.steps`]: stepField,
-    [`${where}.passes_below`]: labelled("pass below this share of a limit", passes, { hint: "1 is the limit itself" }),
+    [`${where}.passes_below`]: passField,
     [`${where}.criteria`]: labelled("other pass criteria", criteria, { hint: "in words, judged by a person" }),
   };
-  const nameCheck = () => (campaign || name.value.trim() ? [] : [[named, "No name was given: name the campaign."]]);
+  const numbersOf = ({ value }) => decimals(value).map(Number);
+  const wrongNumbers = (input, needed) => (input.value.trim() && !numbersOf(input).some(Number.isNaN) ? "" : `“${input.value}” was given: give ${needed}.`);
+  const checks = () => [
+    [named, campaign || name.value.trim() ? "" : "No name was given: name the campaign."],
+    [stepField, wrongNumbers(steps, `numbers such as ${STEPS}`)],
+    [passField, wrongNumbers(passes, "a number such as 0.9")],
+  ];
   const back = campaign ? `#/campaigns/${campaign.id}` : "#/campaigns";
   return createForm({
     title,
     word: campaign ? "Add points" : "Plan the campaign",
     route: campaign ? "POST /campaigns/{}/conditions" : "POST /campaigns",
-    fields: [group({ ...own, amplitudes: stepField }, nameCheck), test.fields, clearance],
+    fields: [group({ ...own, amplitudes: stepField }, checks), test.fields, clearance],
     content: [
       fieldset(
         "1  The last point",
@@ -67,8 +74,8 @@ function formOf({ api, catalog, campaign, navigate, title, given }) {
     const planned = {
       name: condition.value.trim(),
       dataset: test.fields.read(),
-      steps: decimals(steps.value).map(Number),
-      passes_below: Number(decimals(passes.value)[0]),
+      steps: numbersOf(steps),
+      passes_below: numbersOf(passes)[0],
       criteria: criteria.value.trim(),
     };
     const made = campaign

@@ -56,7 +56,7 @@ function trainForm({ api, catalog, datasets, like, chosen, keep, trained }) {
   const best = h("option", { value: BEST }, "the best on separate flights (recommended)");
   const method = select(
     [
-      ...catalog.methods.map(({ kind, label }, k) => [kind, k === 0 ? `${label} (recommended)` : label]),
+      ...catalog.methods.map(({ kind, label }) => [kind, label]),
       ["", "predictor and score chosen below"],
     ],
     { id: "method", name: "method", oninput: choose },
@@ -116,6 +116,8 @@ function trainForm({ api, catalog, datasets, like, chosen, keep, trained }) {
     const isBest = isNew || (canChoose && method.value === BEST && !isByHand);
     if (canChoose) method.prepend(best);
     else best.remove();
+    const { kind, label } = catalog.methods[0];
+    put(method.querySelector(`[value="${kind}"]`), canChoose ? label : `${label} (recommended)`);
     couldChoose = canChoose;
     fields.element("n_test").hidden = isOwn;
     put(steps, `${source.isSimulated() ? "Simulates, trains" : "Trains"} and tests. You can leave the page meanwhile.`);

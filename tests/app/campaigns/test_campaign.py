@@ -141,7 +141,7 @@ def test_a_file_holds_the_whole_campaign(tmp_path: Path) -> None:
         ((0.0, 0.5), "one sign and grow"),
         ((0.501, 0.502), "two points have the same name"),
         ((-0.5, 0.6), "one sign and grow"),
-        ((0.5, float("inf")), "goes to 90 deg at most"),
+        ((0.5, float("inf")), "at most 1"),
         ((0.5, float("nan")), "one sign and grow"),
     ],
 )
@@ -247,6 +247,19 @@ def test_steps_of_another_flight_condition_clear_no_point() -> None:
     assert campaign.next.point.state == "cleared"
     with pytest.raises(CampaignError, match="two flight conditions have the same name"):
         campaign.extended(Condition("M 0.8", TEST), (0.6, 0.7))
+
+
+def test_a_step_above_the_planned_amplitude_is_not_planned_and_an_old_file_with_one_opens(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "c.json"
+    campaign = planned()
+    with pytest.raises(CampaignError, match=r"steps=0\.5 2 .* at most 1"):
+        campaign.extended(Condition("M 0.8", TEST), (0.5, 2.0))
+    last = replace(campaign.points[-1], name="200%", peak_deg=2.0 * campaign.points[-1].peak_deg)
+    old = replace(campaign, points=(*campaign.points, last))
+    old.save(path)
+    assert load(path) == old
 
 
 def test_a_point_beyond_its_criterion_is_not_passed() -> None:

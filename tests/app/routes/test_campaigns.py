@@ -210,6 +210,7 @@ def test_a_monitor_is_a_part_of_a_clearance(client, monkeypatch: pytest.MonkeyPa
         ({"conditions": [{"steps": [1.0]}]}, "has 2 to 50"),
         ({"conditions": [{"steps": [1.0, 0.5]}]}, "one sign and grow"),
         ({"conditions": [{"steps": "all"}]}, "steps"),
+        ({"conditions": [{"steps": [1.0, 2.0, 3.0]}]}, "at most 1"),
         ({"conditions": [{"amplitudes": [1]}]}, "amplitudes is unknown"),
         ({"conditions": [{"passes_below": 2.0}]}, "1 or less"),
         ({"conditions": [{"passes_below": True}]}, "passes_below"),

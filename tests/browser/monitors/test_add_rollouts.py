@@ -66,6 +66,7 @@ def test_own_rollouts_are_added_looked_at_and_trained_on(page: Page, origin: str
 
     page.get_by_role("link", name="Train a monitor").first.click()
     expect(page.locator("#method")).to_have_value("best")
+    expect(page.locator("#method option", has_text="(recommended)")).to_have_count(1)
     served = page.locator(".served")
     expect(served).to_contain_text(f"{calibrating(stored['n_unsafe'])} failures")
     quarter = {"calibrating_share": 0.25}

@@ -440,6 +440,7 @@ def test_a_method_is_a_predictor_and_a_score_that_go_together(page: Page, site: 
     method = page.get_by_label("method", exact=True)
     expect(method).to_have_value("ensemble")
     expect(method.locator("option").first).to_contain_text("(recommended)")
+    expect(method.locator("option", has_text="(recommended)")).to_have_count(1)
     predictor, score = (page.locator(f'[name="monitor.{part}.kind"]') for part in PAIR)
     method.select_option("test_card")
     expect(predictor).to_have_value("response_filter")
