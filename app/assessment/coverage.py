@@ -13,6 +13,7 @@ import numpy as np
 from app.assessment.grid import missing_after
 from app.assessment.input_checks import Doubt
 from app.assessment.outcome import (
+    OUTCOMES,
     Alerts,
     Hole,
     Limited,
@@ -196,8 +197,9 @@ class CoverageSoFar:
         self._in_row += absent + is_missing
         if self._in_row >= max(self._most, 1):
             self._most = self._in_row
-            why = f"no sample from {self._known:.2f} to {t:.2f} s; {MAY_HAVE_EXCEEDED}"
-            self._doubt = (Doubt(None, Level.CAUTION, self._known, f"data missing: {why}"),)
+            gap = f"no sample from {self._known:.2f} to {t:.2f} s; {MAY_HAVE_EXCEEDED}"
+            why = f"{OUTCOMES['unseen'].word}: {gap}"
+            self._doubt = (Doubt(None, Level.CAUTION, self._known, why),)
         if not is_missing:
             self._in_row, self._known = 0, t
         enough = _is_enough(self._most, self._n_lost, max(self._n, self._n_planned))

@@ -239,7 +239,7 @@ def test_data_missing_in_a_manoeuvre_are_a_caution_until_it_ends(
             return
         assert (state["status"], state["level"]) == ("caution", "caution")
         gap = f"from {t[first - 1]:.2f} to {t[first + n]:.2f} s"
-        assert doubts == [f"data missing: no sample {gap}; a limit may have been exceeded there"]
+        assert doubts == [f"DATA MISSING: no sample {gap}; a limit may have been exceeded there"]
     flight.push(t[now + 5 :], y[now + 5 :])
     assert flight.is_calm == (trim == "detected")
     flight._post(f"{flight.flight}/end")
