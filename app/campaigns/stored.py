@@ -42,6 +42,8 @@ class CampaignCondition(Entry):
     """recipe of a dataset, of its last point"""
     figure: str = ""
     """predicted and flown peaks as SVG, with the campaign itself only"""
+    plan: str = ""
+    """aircraft, trim, manoeuvre and limits in words, with the campaign itself only"""
 
 
 @dataclass(frozen=True)

@@ -312,9 +312,7 @@ def _done(
 
 def lines(campaign: Campaign) -> list[str]:
     """A campaign as a table with one line for each point, and the next point's last event."""
-    aircraft = [
-        condition.test.aircraft.description.split(";")[0] for condition in campaign.conditions
-    ]
+    aircraft = [condition.aircraft for condition in campaign.conditions]
     width = max(10, *(len(point.name) for point in campaign.points))
     rows = [
         f"{campaign.name}: {'; '.join(dict.fromkeys(aircraft))}",

@@ -12,10 +12,12 @@ from app.campaigns.point import Condition, percent_at_most
 from app.recipes.labels import kind_label
 from app.recipes.recipes import to_plain
 from app.report.facts import limited
-from app.report.page import TEMPLATES
+from app.report.page import TEMPLATES, limits_in_words
 from app.report.strip_chart import CROSS, DOT, STROKE, StripChart
 from core import __version__
+from core.channels import significant
 from core.clearance.identification import Identification
+from core.counted import counted
 from core.types import Array
 
 HEIGHT, ROW_HEIGHT = 230.0, 12.0
@@ -41,15 +43,29 @@ def campaign_page(campaign: Campaign) -> str:
     )
 
 
+def plan_in_words(campaign: Campaign, condition: Condition) -> str:
+    """Aircraft, trim, manoeuvre and limits of a flight condition, on one line."""
+    test = condition.test
+    points = [point for point in campaign.points if point.condition == condition.name]
+    maneuver = kind_label(to_plain(test.maneuver)["kind"])
+    limits = ", ".join(
+        f"{channel.label} {limits_in_words(low, high, channel)}"
+        for channel, low, high in limited(test.dictionary, test.judged_by)
+    )
+    parts = (
+        condition.aircraft,
+        condition.trim,
+        f"{maneuver}, {counted(len(points), 'point')} up to {significant(points[-1].peak_deg)} deg",
+        f"limits {limits}",
+    )
+    return "; ".join(filter(None, parts))
+
+
 def _condition(campaign: Campaign, condition: Condition) -> dict[str, Any]:
     identifications = history(campaign, condition.name)
-    test = condition.test
     return {
         "name": condition.name,
-        "points": [point for point in campaign.points if point.condition == condition.name],
-        "maneuver": kind_label(to_plain(test.maneuver)["kind"]),
-        "limits": limited(test.dictionary, test.judged_by),
-        "aircraft": condition.aircraft,
+        "plan": plan_in_words(campaign, condition),
         "plot": build_up_plot(campaign, condition.name),
         "identified": identifications[-1] if identifications else None,
         "derivatives": derivatives_plot(identifications) if identifications else "",

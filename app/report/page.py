@@ -122,7 +122,7 @@ def _with_si(value: float, channel: Channel) -> str:
     return _glued(text)
 
 
-def _limits(low: float, high: float, channel: Channel) -> str:
+def limits_in_words(low: float, high: float, channel: Channel) -> str:
     """`0.5 g` for either sign, `−1.4 g to 4.9 g`, `at most 4.9 g`."""
     if low == -high:
         return _with_si(high, channel)
@@ -170,7 +170,7 @@ TEMPLATES.filters |= {
     "percent": lambda share: f"{share:.1%}",
     "significant": significant,
     "quantity": _with_si,
-    "limits": _limits,
+    "limits": limits_in_words,
     "counted": counted,
     "interval": _interval,
     "delay": _delay,

@@ -26,7 +26,7 @@ from app.jobs.campaigns import (
 )
 from app.recipes.recipes import limits_named, stored_names, to_plain
 from app.recordings.recordings import Recordings
-from app.report.campaign import build_up_plot, campaign_page, derivatives_plot
+from app.report.campaign import build_up_plot, campaign_page, derivatives_plot, plan_in_words
 from app.report.strip_chart import styled
 from app.routes.dependencies import (
     PAGE_TO_PRINT,
@@ -169,8 +169,12 @@ def read_campaign(campaign_id: str, campaigns: CampaignsDep) -> CampaignDetails:
     _, campaign = campaigns.get(campaign_id)
     details = campaigns.details(campaign_id)
     drawn = [
-        replace(condition, figure=styled(build_up_plot(campaign, condition.name)))
-        for condition in details.conditions
+        replace(
+            sent,
+            figure=styled(build_up_plot(campaign, sent.name)),
+            plan=plan_in_words(campaign, condition),
+        )
+        for sent, condition in zip(details.conditions, campaign.conditions, strict=True)
     ]
     return replace(details, conditions=drawn)
 

@@ -114,7 +114,11 @@ class JsbsimAircraft:
 
     @property
     def description(self) -> str:
-        return "An aircraft of JSBSim, six degrees of freedom, with its own flight controls"
+        name = self.model
+        if is_installed() and name in aircraft_names():
+            title = _read(name).get("name", name).replace(";", ",")
+            name = name if title == name else f"{title} ({name})"
+        return f"{name} of JSBSim, six degrees of freedom, with its own flight controls"
 
     @property
     def condition(self) -> Look:

@@ -27,6 +27,7 @@ from core.clearance.clearance import (
     calibrate,
 )
 from core.clearance.with_monitor import with_monitor
+from core.limits.flight_limits import LoadLimits
 from core.planned_test.nonlinear_test import JsbsimTest, NonlinearTest, SixDofTest
 from core.simulation.maneuver import MANEUVERS
 from core.types import Array, Flags
@@ -156,6 +157,23 @@ def test_the_card_has_the_trim_that_the_checklist_asks_to_confirm() -> None:
     trim = "altitude 15,000 ft (4572 m), 376 kt true airspeed, Mach 0.6, load factor 2 g"
     assert f"Trim: {trim}." in turn
     assert "Mach 0.165, load factor 1 g" in card(JsbsimTest())
+
+
+def test_a_campaign_names_its_aircraft_of_jsbsim_with_manoeuvre_and_limits(tmp_path: Path) -> None:
+    """On the printed page, and over REST for the page of the program."""
+    named = "Cessna C-172 Skyhawk II (c172x) of JSBSim"
+    assert named in card(JsbsimTest.of("c172x"))
+    test = replace(JsbsimTest.of("c172x"), specification=LoadLimits(Nz_low=0.2))
+    assert "normal acceleration at least 0.2 g" in card(test).replace("\N{NO-BREAK SPACE}", " ")
+    plan = {"name": "Pull", "conditions": [{"dataset": to_plain(test), "steps": [0.6, 1.0]}]}
+    with api(tmp_path) as client:
+        path = client.post("/api/v1/campaigns", json=plan).headers["location"]
+        (condition,) = client.get(path).json()["conditions"]
+    words = condition["plan"].replace("\N{NO-BREAK SPACE}", " ")
+    assert words.startswith(named)
+    assert "doublet, 2 points up to -6.4 deg" in words
+    assert "Mach 0.165" in words
+    assert words.endswith("at least 0.2 g")
 
 
 def test_the_card_of_jsbsim_says_what_full_stick_is() -> None:

@@ -54,7 +54,7 @@ export function showCampaign(element, { id, api, navigate }) {
           done: () => navigate("#/campaigns"),
         }),
       ],
-      h("p.dim", campaign.aircraft.join("; ")),
+      conditions.map(({ name: where, plan }) => h("p.dim", where && `${where}: `, plan)),
       h("div.stack.campaign-top", next.element, conditions.map(buildUp)),
       table({ columns: POINTS, items: points, row: ({ name }) => ({ "data-point": name }), classes: "table-points" }),
       isComputed &&
