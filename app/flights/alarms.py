@@ -176,6 +176,8 @@ class Alarms:
                 self._closed = [*self._closed, alarm][-CLOSED_KEPT:]
         for kind in active:
             self._onsets[kind].is_active = self._may_be_active = True
+        if "invalid" in active:
+            self._missing = {alarm.reason or "" for alarm in alarms if alarm.kind == "invalid"}
 
     def update(
         self,

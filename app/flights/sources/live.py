@@ -28,7 +28,7 @@ from app.assessment.scorer import (
     TrimRule,
     replay_line,
 )
-from app.flights.alarms import REJOIN_S
+from app.flights.alarms import REJOIN_S, gives_alarm
 from app.flights.clock import Clock
 from app.flights.display_monitors import DisplayMonitor
 from app.flights.flight import MARKERS_KEPT, Angles, Flight, FlightPlan, stale_after
@@ -132,13 +132,13 @@ class JournalReplay:
 
     arrived: of the newest line [s].   waiting: settled samples that the record lacks, each with the
     received ones beyond a limit that belong before it.   exceeding: those beyond a limit so far.
-    alert_t: since when the risk is above the alert level [s].
+    since: when what raises an alarm of a kind began, where it holds [s].
     """
 
     arrived: float = 0.0
     waiting: deque[tuple[LiveAssessed, list[ReceivedExceedance]]] = field(default_factory=deque)
     exceeding: list[tuple[ReceivedExceedance, Exceeded]] = field(default_factory=list)
-    alert_t: float | None = None
+    since: dict[AlarmKind, float] = field(default_factory=dict)
 
 
 class KnownBatches:
@@ -324,7 +324,7 @@ class LiveFlight(Flight):
         self._wait_for_record(self.scorer.advance(arrival))
         self._show_recorded(stored)
         replay, self._replay = self._replay, JournalReplay()
-        unrecorded, replayed, alert_t = [], replay.exceeding, replay.alert_t
+        unrecorded, replayed = [], replay.exceeding
         for assessed, received in replay.waiting:
             replayed += self._judged(received)
             unrecorded.append(assessed)
@@ -337,9 +337,9 @@ class LiveFlight(Flight):
         ]
         if any(self._is_alarmed(self.t, key, stored_t) for key in self.exceedances.over):
             active.append("limit")
-        risks = [alarm.t for alarm in alarms if alarm.kind == "risk"]
-        if alert_t is not None and max(risks, default=-inf) > alert_t - REJOIN_S:
-            active.append("risk")
+        for kind, since in replay.since.items():
+            if any(alarm.kind == kind and alarm.t > since - REJOIN_S for alarm in alarms):
+                active.append(kind)
         self.alarms.restore(alarms, active, self.head)
         self._received = [
             sample
@@ -527,8 +527,15 @@ class LiveFlight(Flight):
             replay.exceeding += self._judged(received)
             shown = *self._flown(assessed), assessed.display
             self._follow(*shown, recorded=assessed.recorded, far=assessed.far)
-            if (alert := assessed.assessment.alert) is not None:
-                replay.alert_t = (replay.alert_t or assessed.assessment.t) if alert else None
+            assessment = assessed.assessment
+            if gives_alarm("invalid", assessment):
+                replay.since.setdefault("invalid", assessment.t)
+            else:
+                replay.since.pop("invalid", None)
+            if assessment.alert:
+                replay.since.setdefault("risk", assessment.t)
+            elif assessment.alert is not None:
+                replay.since.pop("risk", None)
 
     def _replay_line(self, line: dict[str, Any]) -> list[LiveAssessed]:
         self._replay.arrived = line["a"]

@@ -141,6 +141,25 @@ def test_a_flight_of_a_killed_server_goes_on_with_the_same_bits(tmp_path: Path) 
     flown(fly, tmp_path)
 
 
+def test_a_withdrawal_that_outlasts_a_restart_rings_no_more(tmp_path: Path) -> None:
+    async def fly(live: Live, y: Array) -> None:
+        for k in range(40):
+            await live.push(k, 0.0 * y[k], **({"beta": None} if k >= 20 else {})).stored
+        alarms = [a for a in live.flight.alarms.at_hand if a.kind == "invalid"]
+        assert len(alarms) == 1
+        acknowledged = [replace(alarm, acknowledged="now", by="FTE") for alarm in alarms]
+        again = live.another(SilentRecorder(live.clock))
+        lines = lines_of(live.journals.path(again.id))
+        again.resume(again.restore(lines, live.flight.head, acknowledged, []))
+        live.clock.advance(DT)
+        again.receive(batch(40, 0.0 * y[40], beta=None), "rest")
+        assert again.facts.invalid
+        assert [a.kind for a in again.alarms.at_hand].count("invalid") == 1
+        await again.stop("enough")
+
+    flown(fly, tmp_path)
+
+
 def test_the_source_began_at_the_arrival_of_its_fastest_sample_less_its_time(
     tmp_path: Path,
 ) -> None:
