@@ -139,9 +139,10 @@ def test_a_recipe_without_identification_has_the_aircraft_as_planned(
 
 
 def card(test: SixDofTest) -> str:
-    """The printed card of the first point, at the full amplitude."""
-    condition = Condition("", test)
-    return campaign_page(Campaign("Card", (condition,), points_at(condition, (1.0, 1.1))))
+    """The printed card of a first point at the amplitude of this test."""
+    last = test.maneuver.with_peak(2.0 * test.maneuver.peak_deg)
+    condition = Condition("", replace(test, maneuver=last))
+    return campaign_page(Campaign("Card", (condition,), points_at(condition, (0.5, 1.0))))
 
 
 def test_the_card_has_every_control_that_moves_with_its_ramps() -> None:
