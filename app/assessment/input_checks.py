@@ -25,6 +25,7 @@ from core.kernels.input_motion import (
     GOES_ON,
     HOLDS,
     KEPT,
+    LOOK_S,
     LOOKS,
     REACTS_S,
     REMEMBERED,
@@ -35,7 +36,7 @@ from core.kernels.input_motion import (
 )
 from core.limits.limits import Envelope
 from core.monitor.status import Level
-from core.types import Array
+from core.types import Array, Flags
 
 DoubtKind = Literal["surfaces", "frozen", "contradiction", "trim"]
 DOUBT_KINDS: tuple[DoubtKind, ...] = get_args(DoubtKind)
@@ -249,6 +250,9 @@ class _Frozen:
         self._n_measured = self._n_turning = 0
         self._varies = True
         n = len(dictionary)
+        roles = dictionary.of_role("output"), dictionary.of_role("control")
+        self._outputs, self._controls = (np.array(role, np.int64) for role in roles)
+        self._looked = -np.inf
         self._seconds = np.zeros((2, n), np.int64)
         """(2, n_channels) seconds in which a channel changed, and in which that was noise"""
         self._sure = np.full(n, np.nan)
@@ -259,7 +263,7 @@ class _Frozen:
         if not is_same:
             if t - self.measured >= REACTS_S:
                 self._measure(t)
-            return self._of_channels() if holds else None
+            return self._of_channels(t) if holds else None
         state = self._recent.state
         since, n = state.times.item(kernel.SINCE), state.counts.item(kernel.N_SAME)
         if t - since <= FROZEN_S or n <= FEWEST or np.isnan(y).all():
@@ -273,33 +277,36 @@ class _Frozen:
             self._dictionary.keys,
         )
 
-    def _of_channels(self) -> Doubt:
-        runs, roles = self._recent.state.runs, self._dictionary
+    def _of_channels(self, t: float) -> Doubt:
+        runs = self._recent.state.runs
         since, frozen = runs[:, kernel.SINCE_T], runs[:, kernel.IS_FROZEN] > 0.0
-        controls = [c for c in roles.of_role("control") if frozen[c] and since[c] != self._sure[c]]
-        changed, noisy = self._seconds[:, controls]
-        held = np.array(controls, np.int64)[(noisy > 0) & (noisy >= NOISY * changed)]
-        if len(held) and self._moves():
-            self._sure[held] = since[held]
+        if not 0.0 <= t - self._looked < LOOK_S:
+            self._looked = t
+            self._note_sure(since, frozen)
         is_sure = frozen & (since == self._sure)
-        outputs = [*roles.of_role("output")]
-        is_sure[outputs] = frozen[outputs]
+        is_sure[self._outputs] = frozen[self._outputs]
         level = Level.CAUTION if is_sure.any() else Level.ADVISORY
         (at,) = np.nonzero(is_sure if is_sure.any() else frozen)
-        channels = [roles.channels[c] for c in at.tolist()]
-        names, t = ", ".join(channel.symbol for channel in channels), since[at].min().item()
-        reason = f"{names} frozen since {t:.2f} s: check the sensor"
-        return Doubt("frozen", level, t, reason, tuple(channel.key for channel in channels))
+        channels = [self._dictionary.channels[c] for c in at.tolist()]
+        names, begin = ", ".join(channel.symbol for channel in channels), since[at].min().item()
+        reason = f"{names} frozen since {begin:.2f} s: check the sensor"
+        return Doubt("frozen", level, begin, reason, tuple(channel.key for channel in channels))
+
+    def _note_sure(self, since: Array, frozen: Flags) -> None:
+        held = self._controls[(frozen & (since != self._sure))[self._controls]]
+        changed, noisy = self._seconds[:, held]
+        held = held[(noisy > 0) & (noisy >= NOISY * changed)]
+        if len(held) and self._moves():
+            self._sure[held] = since[held]
 
     def _moves(self) -> bool:
         """Whether a response moves further than its noise, and than at rest."""
-        outputs = [*self._dictionary.of_role("output")]
-        y = self._recent.window(REACTS_S)[:, outputs]
+        y = self._recent.window(REACTS_S)[:, self._outputs]
         moved = np.fmax.reduce(y, axis=0) - np.fmin.reduce(y, axis=0)
         if not (moved > RESTS).any():
             return False
         self._recent.measure()
-        moves = moved > np.fmax(self._recent.uncertainty[outputs], RESTS)
+        moves = moved > np.fmax(self._recent.uncertainty[self._outputs], RESTS)
         return self._recent.is_measured and bool(moves.any())
 
     @property
@@ -319,7 +326,8 @@ class _Frozen:
         n_turns, n = np.count_nonzero(products < 0.0, axis=0), np.count_nonzero(products, axis=0)
         turns = n_turns > REVERSES * np.maximum(n, FEWEST)
         self._n_turning += bool(turns.any())
-        self._seconds += varies.any(axis=0), turns & (varies.mean(axis=0) >= VARIES)
+        n_varies = np.count_nonzero(varies, axis=0)
+        self._seconds += n_varies > 0, turns & (n_varies >= VARIES * len(varies))
 
 
 class FrozenPart(NamedTuple):
