@@ -185,7 +185,9 @@ def _checked(default: Any, values: Mapping[str, Any], where: str) -> Any:
     except ValidationError as error:
         place, reason = input_errors(error.errors(), values)[0]
         if not place:  # parameters that contradict each other
-            raise RecipeError(f"{where}: {reason.partition(': ')[2]}") from error
+            words = reason.partition(": ")[2]
+            is_test = isinstance(default, ManeuverTest)  # whose words need no path
+            raise RecipeError(words if is_test else f"{where}: {words}") from error
         raise RecipeError(f"{where}.{place} {reason}") from error
 
 

@@ -114,6 +114,8 @@ def _labelled(
 ) -> LabelledFlights:
     """Flights that fail where a requirement is violated, regardless of later samples."""
     y = complete(dictionary, read.y, read.dt)
+    for requirement in requirements:
+        requirement.check_can_fail(y.shape[1], read.dt)
     fails = [requirement.first_violation(y, read.dt) for requirement in requirements]
     flights = _checked(replace(read, fail_index=np.min(fails, axis=0)), dictionary, None)
     words = " and ".join(requirement.text for requirement in requirements)

@@ -114,23 +114,19 @@ def _symbol(symbol: str) -> Markup:
     return Markup("{}<sub>{}</sub>").format(base, index) if index else Markup(escape(base))
 
 
-def _with_si(value: float, channel: Channel) -> str:
-    """`5 deg (0.0873 rad)`: display unit, and SI."""
-    text = channel.read(value)
-    if channel.display_unit != channel.unit:
-        text = f"{text} ({significant(value)} {channel.unit})"
-    return _glued(text)
+def _quantity(value: float, channel: Channel) -> str:
+    return _glued(channel.read(value))
 
 
 def limits_in_words(low: float, high: float, channel: Channel) -> str:
     """`0.5 g` for either sign, `−1.4 g to 4.9 g`, `at most 4.9 g`."""
     if low == -high:
-        return _with_si(high, channel)
+        return _quantity(high, channel)
     if low == -inf:
-        return f"at most {_with_si(high, channel)}"
+        return f"at most {_quantity(high, channel)}"
     if high == inf:
-        return f"at least {_with_si(low, channel)}"
-    return f"{_with_si(low, channel)} to {_with_si(high, channel)}"
+        return f"at least {_quantity(low, channel)}"
+    return f"{_quantity(low, channel)} to {_quantity(high, channel)}"
 
 
 def _glued(text: str) -> str:
@@ -169,7 +165,7 @@ TEMPLATES.filters |= {
     "span": lambda begin, end: f"{begin:.2f} to {end:.2f}{GLUE}s",
     "percent": lambda share: f"{share:.1%}",
     "significant": significant,
-    "quantity": _with_si,
+    "quantity": _quantity,
     "limits": limits_in_words,
     "counted": counted,
     "interval": _interval,

@@ -69,6 +69,21 @@ class Node:
             self.kind in ("not", "and") and any(part.is_of_start for part in self.parts)
         )
 
+    def can_be(self, holds: bool, seconds: float) -> bool:
+        """Whether so many more seconds [s] of a flight can decide that it holds, or not."""
+        if self.kind == "holds" or self.kind in BACK:
+            return seconds >= 0.0
+        if self.kind == "not":
+            return self.parts[0].can_be(not holds, seconds)
+        if self.kind == "and":
+            return (all if holds else any)(part.can_be(holds, seconds) for part in self.parts)
+        if self.kind == "always":
+            return self.parts[0].can_be(holds, seconds - (self.last if holds else self.first))
+        held, reached = self.parts
+        if holds:
+            return reached.can_be(True, seconds - self.first)
+        return held.can_be(False, seconds) or reached.can_be(False, seconds - self.last)
+
     @property
     def negated(self) -> "Node":
         return self.parts[0] if self.kind == "not" else Node("not", (self,))
@@ -104,6 +119,14 @@ class Requirement:
         node = self.node
         is_always = node.kind == "always" and (node.first, node.last) == (0.0, inf)
         return _formula(node.parts[0]) if is_always else None
+
+    def check_can_fail(self, n_samples: int, dt: float) -> None:
+        """FormulaError if no flight of so many samples, one each dt [s], can violate it."""
+        if not self.node.can_be(False, (n_samples - 1 + NEAR_S) * dt):
+            raise FormulaError(
+                f"{self.text!r}: flights of {(n_samples - 1) * dt:g} s end before its times do, so "
+                "none can violate it: give shorter times, as in eventually[0:2], or longer flights"
+            )
 
     def robustness(self, y: Array, dt: float) -> tuple[Array, Array]:
         """Least and largest robustness at each sample, whatever follows the flight; both (n, k).

@@ -341,6 +341,7 @@ def test_a_method_that_is_asked_for_is_used(
         (["--limit", "Nz=-1..1e400"], "1e400 is too large"),
         (["--limit", "always Nzz < 2"], "did you mean Nz"),
         (["--limit", "always (Nz < 1e-6)"], "excludes, above 0"),
+        (["--limit", "eventually[0:300] (Nz > 2)"], "flights of 4 s end before its times do"),
         (["--limit", "Nz=-30..2.9g"], "the limit Nz -30 g"),
         (["--limit", "Nz=..38g for 0.2 s"], "the limit Nz 38 g"),
         (["--limit", "Nz=-1.1..2.9", "--epsilon", "0.001"], "no method can be trained"),

@@ -71,5 +71,5 @@ def test_a_recipe_is_refused_in_the_same_words() -> None:
         from_plain(DatasetRecipe(), {"n_unsafe": "x"}, "dataset")
     with pytest.raises(RecipeError, match=r"^dataset.n_unsafe is 2.5: give a whole number$"):
         from_plain(DatasetRecipe(), {"n_unsafe": 2.5}, "dataset")
-    with pytest.raises(RecipeError, match=r"^dataset: dt=0.0 s was given: it must be positive"):
+    with pytest.raises(RecipeError, match=r"^dt=0.0 s was given: it must be positive"):
         from_plain(DatasetRecipe(), {"dt": 0.0}, "dataset")

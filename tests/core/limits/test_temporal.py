@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from math import inf
 from typing import Any
@@ -173,6 +174,28 @@ def test_what_is_no_requirement_is_one_clear_error(text: str, words: str) -> Non
     with pytest.raises(FormulaError) as error:
         Requirement.parse(text, KEYS)
     assert words in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "can_fail"),
+    [
+        ("eventually[0:4] (a > 2)", True),
+        ("eventually[0:4.1] (a > 2)", False),
+        ("always[0:300] (a < 2)", True),
+        ("always (a > 2 implies eventually[0:3] a < 1)", True),
+        ("always (a > 2 implies eventually[0:5] a < 1)", False),
+        ("always[2:4] (eventually[0:3] a < 1)", False),
+        ("a < 2 until[0:300] a > 3", True),
+        ("always once[0:9] a < 1", True),
+    ],
+)
+def test_times_beyond_the_flights_that_leave_nothing_to_violate_are_refused(
+    text: str, can_fail: bool
+) -> None:
+    """Flights of 4 s."""
+    requirement = Requirement.parse(text, ["a"])
+    with nullcontext() if can_fail else pytest.raises(FormulaError, match="flights of 4 s"):
+        requirement.check_can_fail(81, 0.05)
 
 
 def test_times_between_two_samples_are_refused() -> None:
