@@ -164,7 +164,7 @@ class Condition:
         else:
             altitude = airspeed = None
         height = (
-            () if altitude is None else (f"altitude {altitude / FOOT:,.0f} ft ({altitude:g} m)",)
+            () if altitude is None else (f"altitude {altitude / FOOT:,.0f} ft ({altitude:.0f} m)",)
         )
         speed = () if airspeed is None else (f"{airspeed / KNOT:.0f} kt true airspeed",)
         return ", ".join((*height, *speed, *more))

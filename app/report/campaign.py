@@ -54,7 +54,7 @@ def plan_in_words(campaign: Campaign, condition: Condition) -> str:
     )
     parts = (
         condition.aircraft,
-        condition.trim,
+        "" if condition.is_identifiable else condition.trim,  # linear aircraft name their own
         f"{maneuver}, {counted(len(points), 'point')} up to {significant(points[-1].peak_deg)} deg",
         f"limits {limits}",
     )

@@ -339,5 +339,5 @@ def test_a_campaign_is_planned_on_the_page_and_refused_with_words(
 def test_the_page_has_the_aircraft_trim_manoeuvre_and_limits(campaign: Campaign) -> None:
     campaign.plan([0.6, 1.0])
     plan = campaign.page.get_by_text("rudder doublet, 2 points up to")
-    for words in ("ATTAS", "kt true airspeed", "lateral acceleration"):
+    for words in ("ATTAS", "131 m/s", "lateral acceleration"):
         expect(plan).to_contain_text(words)
