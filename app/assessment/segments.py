@@ -22,6 +22,8 @@ from core.types import Array
 
 Manoeuvres = Literal["detected", "entire"]
 TRIM_SEGMENT = "trim_segment"
+LEAST_KNOWN = 0.5
+"""Share of the samples of a rest without a manoeuvre that must be known for its trim."""
 
 
 class Interval(NamedTuple):
@@ -143,6 +145,8 @@ class Segment(NamedTuple):
         if self.rest is None:
             return np.zeros(y.shape[1])
         trim = mean_of_rest(y[self.rest])
+        if self.is_rest:  # as in flight, a rest of which too little is known has no trim
+            trim[np.isfinite(y[self.rest]).mean(axis=0) < LEAST_KNOWN] = np.nan
         trim[list(dictionary.absolute)] = 0.0
         return trim
 

@@ -288,6 +288,15 @@ def test_of_too_few_samples_nothing_is_said_of_the_manoeuvre(tmp_path: Path, eve
     assert "none recorded" not in printed
 
 
+def test_of_too_few_samples_both_exceed_as_recorded(tmp_path: Path) -> None:
+    y = doublets(fail=True)[0]
+    (beyond,) = np.flatnonzero(np.abs(y[:, NY]) == np.abs(y[:, NY]).max())
+    both = flown_and_scored(tmp_path, in_order(y)[beyond % 4 :: 4])
+    word = "LIMIT EXCEEDED as recorded, trim unknown"
+    assert words(both) == (word, word)
+    assert both.scored.manoeuvres[0].outcome == "unseen"
+
+
 def test_where_only_a_trim_is_unknown_nothing_is_called_missing(tmp_path: Path) -> None:
     """The flight begins while the aircraft moves; N_y exceeds its limit before the manoeuvre."""
     y = doublets(fail=False)[0][BEGINS + 6 :]
