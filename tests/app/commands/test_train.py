@@ -362,6 +362,12 @@ def test_a_margin_that_cannot_label_is_refused(limits, words, tmp_path, capsys):
     assert words in capsys.readouterr().err
 
 
+def test_a_margin_of_an_aircraft_of_jsbsim_is_refused_without_a_path(tmp_path, capsys):
+    given = ["--aircraft", "jsbsim", "--limit", "phase margin > 60 deg"]
+    assert main(["train", *given, "--print-recipe", "--out", str(tmp_path / "m.fwm")]) == 1
+    assert capsys.readouterr().err.startswith("forewarn: stability margins need")
+
+
 @pytest.mark.parametrize("command", ["study", "campaign"])
 def test_margins_are_refused_where_limits_are_compared(command, tmp_path, capsys):
     margins = ["--aircraft", "attas_id_16kft", "--limit", "phase margin > 73 deg"]
