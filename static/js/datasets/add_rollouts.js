@@ -102,7 +102,7 @@ export function showRollouts(element, { query, api, navigate }) {
         title: TITLE,
         word: "Add",
         route: "POST /datasets",
-        fields: [group({ name: named }, () => rows.map((row) => [row, row.wrong()]))],
+        fields: [group({ name: named, dt: more.interval }, () => rows.map((row) => [row, row.wrong()]))],
         content: [
           fieldset(
             isJoining ? "Dataset" : "Channels and limits",
@@ -204,6 +204,7 @@ function createMore({ again }) {
     },
   });
   const dt = numberInput({ id: "rollouts-dt", min: 0, placeholder: "as in the files", onchange: again });
+  const interval = labelled("sample interval", dt, { unit: "s", hint: "Only if the files have neither times nor dt." });
   const lines = (placeholder) => h("textarea", { rows: 2, spellcheck: "false", placeholder });
   const computed = lines("load [kN] = 0.7*Nz*mass");
   const limits = lines("Nz=..4.9 for 0.2 s");
@@ -212,7 +213,7 @@ function createMore({ again }) {
     h(
       "div.field-grid",
       labelled("dictionary", file, { hint: "CSV or JSON with key and unit of each channel, if the files do not name them." }).element,
-      labelled("sample interval", dt, { unit: "s", hint: "Only if the files have neither times nor dt." }).element,
+      interval.element,
       labelled("computed channels", computed, { hint: "One per line: key [unit] = formula." }).element,
       labelled("limits in words", limits, { hint: "One per line: limits on computed channels, with a duration, or requirements such as always (Nz < 4.9 or alpha < 0.2)." }).element,
     ),
@@ -220,6 +221,7 @@ function createMore({ again }) {
   const given = (name, text) => (text.trim() ? [[name, text.trim()]] : []);
   return {
     element,
+    interval,
     fields: () => [...(dictionary ? [["dictionary", dictionary]] : []), ...given("dt", dt.value)],
     limits: () => [...given("channel", computed.value), ...given("limit", limits.value)],
     open: () => (element.open = true),
