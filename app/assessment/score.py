@@ -534,7 +534,10 @@ def _why_frozen(flight: RecordedFlight, t: Array, keys: Collection[str] = ()) ->
     reasons = (
         f"data missing: {part.reason}"
         for part in flight.grid.frozen
-        if not keys.isdisjoint(part.channels) and len(t) and part.start <= t[-1] >= t[0] <= part.end
+        if not keys.isdisjoint(part.channels)
+        and len(t)
+        and part.start <= t[-1]
+        and t[0] <= part.end
     )
     return next(reasons, "")
 

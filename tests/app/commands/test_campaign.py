@@ -191,10 +191,10 @@ def test_a_refused_point_gets_a_smaller_step(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     campaign, by = tmp_path / "campaign.json", ("--by", "Ann")
-    plan = ("--name", "Rudder", "--steps", "0.6", "1.15")
+    plan = ("--name", "Rudder", "--steps", "0.52", "1", "--amplitude", "7.36")
     assert run(campaign, "new", *plan, *TEST, *NOISE, *QUICK) == 0
     assert run(campaign, "smaller", *by) == 1
-    assert "no smaller step is proposed before '60%'" in capsys.readouterr().err
+    assert "no smaller step is proposed before '52%'" in capsys.readouterr().err
     assert run(campaign, "fly", recorded(campaign), *by) == 0
     capsys.readouterr()
     assert run(campaign, "clear", *by) == 1

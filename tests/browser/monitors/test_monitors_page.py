@@ -161,7 +161,7 @@ def test_an_aircraft_of_jsbsim_brings_its_condition(page: Page, site: Site) -> N
     page.goto(f"{site.http}/#/monitors/new")
     page.get_by_label("JSBSim").check()
     options = field(page, "dataset.aircraft.model").locator("option")
-    expect(options.filter(has_text="no known trim")).to_have_count(28)
+    expect(options.filter(has_text="no known trim")).to_have_count(27)
     field(page, "dataset.aircraft.model").select_option("737")
     expect(field(page, "dataset.condition.mach")).to_have_value("0.6")
     expect(field(page, "dataset.condition.altitude_m")).to_have_value("5000")

@@ -128,7 +128,7 @@ def test_one_sided_and_computed_limits_judge_flights():
 
 
 def test_a_limit_that_trim_exceeds_is_refused():
-    with pytest.raises(ValueError, match=r"alpha is 1\.\d+ deg .* below 1 deg"):
+    with pytest.raises(ValueError, match=r"\(alpha\) is 1\.\d+ deg .* below 1 deg"):
         replace(TEST, specification=LoadLimits(alpha_high_deg=1.0)).simulator()
 
 
