@@ -33,7 +33,7 @@ def doubts(
 ) -> list[Doubt]:
     """The doubts of samples that arrive when they are measured, each once."""
     looked = checks() if looked is None else looked
-    found: dict[tuple[str, float], Doubt] = {}
+    found: dict[tuple[str | None, float], Doubt] = {}
     for when, row in zip(t.tolist(), y, strict=True):
         looked.push(when, when, row, source, False)
         found |= {(doubt.kind, doubt.t): doubt for doubt in looked.doubts}
@@ -41,7 +41,7 @@ def doubts(
 
 
 def cautions(t: npt.NDArray, y: Array) -> list[str]:
-    return [doubt.kind for doubt in doubts(t, y) if doubt.level is Level.CAUTION]
+    return [f"{doubt.kind}" for doubt in doubts(t, y) if doubt.level is Level.CAUTION]
 
 
 def test_identical_samples_after_noise_are_frozen_after_a_second() -> None:
