@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from httpx2 import Response
+from starlette.testclient import TestClient
 
 from app.campaigns.campaign import Campaign, from_file, load, points_at
 from app.campaigns.clearing import identified, updated
@@ -181,19 +183,25 @@ def test_the_card_of_jsbsim_says_what_full_stick_is() -> None:
     assert "(25 deg: full stick or pedal)" in card(JsbsimTest())
 
 
+def first_flown(client: TestClient, path: str, point: str, file: Path) -> Response:
+    """The answer of a campaign whose first point is confirmed and flown."""
+    first = {"point": point, "by": "Ann"}
+    assert client.post(f"{path}/confirm", json=first).status_code == 200
+    _, campaign = Campaigns(store_of(client)).get(path.rpartition("/")[2])
+    sent = recording(file, campaign).read_bytes()
+    recorded = client.post("/api/v1/recordings?name=flight.csv", content=sent).json()
+    flown = client.post(f"{path}/flown", json=first | {"recording": recorded["id"]})
+    assert flown.status_code == 200, flown.text
+    return flown
+
+
 def test_a_build_up_is_flown_over_rest(tmp_path: Path) -> None:
     url = "/api/v1/campaigns"
     dataset = to_plain(TEST) | {"n_unsafe": 50}
     plan = {"name": "Pull", "conditions": [{"dataset": dataset, "steps": [0.6, 1.0]}]}
     with api(tmp_path) as client:
         path = client.post(url, json=plan).headers["location"]
-        first = {"point": "60%", "by": "Ann"}
-        assert client.post(f"{path}/confirm", json=first).status_code == 200
-        _, campaign = Campaigns(store_of(client)).get(path.rpartition("/")[2])
-        sent = recording(tmp_path / "flight.csv", campaign).read_bytes()
-        recorded = client.post("/api/v1/recordings?name=flight.csv", content=sent).json()
-        flown = client.post(f"{path}/flown", json=first | {"recording": recorded["id"]})
-        assert flown.status_code == 200, flown.text
+        flown = first_flown(client, path, "60%", tmp_path / "flight.csv")
         assert flown.json()["next"] == "100%"
         assert len(flown.json()["checklist"]) == 4
         assert client.get(f"{path}/derivatives").json() == []
@@ -214,14 +222,10 @@ def test_a_build_up_of_jsbsim_is_cleared(tmp_path: Path, monkeypatch: pytest.Mon
     }
     with api(tmp_path) as client:
         path = client.post("/api/v1/campaigns", json=plan).headers["location"]
-        first = {"point": "80%", "by": "Ann"}
-        assert client.post(f"{path}/confirm", json=first).status_code == 200
-        _, campaign = Campaigns(store_of(client)).get(path.rpartition("/")[2])
-        sent = recording(tmp_path / "flight.csv", campaign).read_bytes()
-        recorded = client.post("/api/v1/recordings?name=flight.csv", content=sent).json()
-        flown = client.post(f"{path}/flown", json=first | {"recording": recorded["id"]})
-        assert flown.status_code == 200, flown.text
-        job = finished(client, client.post(f"{path}/clearance", json=first | {"point": "100%"}))
+        first_flown(client, path, "80%", tmp_path / "flight.csv")
+        job = finished(
+            client, client.post(f"{path}/clearance", json={"point": "100%", "by": "Ann"})
+        )
         assert job["status"] == "done", job
         assert job["result"]["state"] in ("on condition", "hold")
         clearing = client.get(path).json()["points"][1]["clearing"]
