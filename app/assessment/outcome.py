@@ -260,7 +260,7 @@ class _Judged(NamedTuple):
 
     @property
     def first(self) -> RecordedExceedance | None:
-        return self.exceedance(self.over[0]) if len(self.over) else None
+        return next((self.exceedance(i) for i in self.over[:1]), None)
 
     def worst(self, rest: float) -> tuple[float, RecordedExceedance] | None:
         """Share of the way to the limit of the sample furthest beyond, and that sample."""

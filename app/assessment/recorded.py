@@ -148,9 +148,9 @@ class RecordedFlight:
         if shown is None or exceedance is None or exceedance.arrived is None:
             return tuple(alerts)
         t, lag = exceedance.t, Lag(self.promised)
-        for row, at in zip(self.recording.t.tolist(), shown.tolist(), strict=True):
-            if at <= exceedance.arrived:
-                lag.note(at, row)
+        n = np.searchsorted(shown, exceedance.arrived, "right")
+        for row, at in zip(self.recording.t[:n].tolist(), shown[:n].tolist(), strict=True):
+            lag.note(at, row)
         arrived = lag.due(t, exceedance.arrived)
         rows = np.searchsorted(self.recording.t, [begin for begin, _ in alerts])
         return tuple(

@@ -11,7 +11,6 @@ import numpy as np
 
 from app.assessment.grid import IntegratedAngles
 from app.assessment.input_checks import Doubt
-from app.assessment.lag import Lag
 from app.assessment.rulings import InForceFrom, Ruling
 from app.assessment.scorer import LiveAssessed, ReceivedExceedance, rescored
 from app.flights.flight import stale_after
@@ -65,6 +64,7 @@ class ShownFlight(StoredScript):
         self._rulings: list[Ruling | None] = []
         self._doubts: list[tuple[Doubt, ...]] = []
         self._far: list[Mapping[str, int]] = []
+        self._late: list[str] = []
         self._came: list[float] = []
         self.near = 2.0 * setup.dt
         self._is_detected = setup.trim == "detected"
@@ -79,7 +79,6 @@ class ShownFlight(StoredScript):
         self.t = np.maximum.accumulate(shown - self._began)
         self.alerts = onsets(self.samples["alert"])
         self.exceedances = self.exceeding(setup.monitor.envelope)
-        self._late = self._lags(setup.scorer().lead)
         self._begun = np.concatenate([[0], 1 + np.flatnonzero(np.diff(self.samples["manoeuvre"]))])
         begun = self._begun[self.samples["manoeuvre"][self._begun] > 0]
         self.begun = self.samples["t"][begun].tolist()
@@ -157,7 +156,7 @@ class ShownFlight(StoredScript):
         return self._doubts[k]
 
     def late(self, k: int) -> str:
-        return self._late.get(k, "")
+        return self._late[k]
 
     def stale_after(self, k: int) -> float | None:
         """Time after showing sample k at which the source became stale [s]; None if it did not."""
@@ -197,6 +196,7 @@ class ShownFlight(StoredScript):
             self._rulings.append(assessed.ruling)
             self._doubts.append(scorer.doubts)
             self._far.append(assessed.far)
+            self._late.append(scorer.lag.reason)
             yield _row(assessed, display)
         self.trims = scorer.trims
         if waiting := [*waiting, *scorer.pop_exceedances()]:
@@ -221,17 +221,6 @@ class ShownFlight(StoredScript):
             if "b" in line:
                 self._came.append(line["a"])
             yield line
-
-    def _lags(self, late: float) -> dict[int, str]:
-        """Reasons of late samples by number; samples received together share the last one's."""
-        lag, shown, reasons = Lag(late), self.samples["shown"], {}
-        first = 0
-        for stop in (*(np.flatnonzero(np.diff(shown)) + 1).tolist(), len(shown)):
-            lag.note(float(shown[first]), float(self.samples["t"][stop - 1]))
-            if lag.reason:
-                reasons |= dict.fromkeys(range(first, stop), lag.reason)
-            first = stop
-        return reasons
 
 
 def _row(assessed: LiveAssessed, display: DisplayAttitude | None) -> tuple[Any, ...]:
