@@ -24,8 +24,8 @@ def add(parser: argparse.ArgumentParser) -> None:
         str,
     )
     option(parser, "--workers N", "processes; one for each core if absent", type=int)
-    text = "folder or URL of the results, which are continued if there are any"
-    parser.add_argument("-o", "--out", metavar="PLACE", help=text)
+    text = "folder of the results, which are continued if there are any"
+    parser.add_argument("-o", "--out", metavar="DIR", help=text)
     add_json(parser)
     add_scheduler(parser)
     parser.set_defaults(aircraft=None)
@@ -38,7 +38,7 @@ def run(options: argparse.Namespace) -> int:
     from app.recordings.result_folder import is_url, result_folder
 
     if options.out is None:
-        raise ValueError("no place for the results is given: give --out PLACE")
+        raise ValueError("no folder for the results is given: give --out DIR")
     workers = os.cpu_count() or 1 if options.workers is None else options.workers
     if workers < 1:
         raise ValueError(f"workers={workers}: give 1 or more")
@@ -52,6 +52,7 @@ def run(options: argparse.Namespace) -> int:
             f"only {options.monitors[0]} was given: give a monitor and the folder to score"
         )
     aircraft, options.aircraft = options.aircraft, None
+    options.file = options.file.removeprefix("file://")
     url = options.file if is_url(options.file) else ""
     options.file = Path() if url else Path(options.file)
     request, _ = request_of(options)

@@ -26,9 +26,8 @@ def add(parser: argparse.ArgumentParser) -> None:
     )
     option(
         parser,
-        "--archive PLACE",
-        "folder or URL with results of `forewarn score-archive` that the page shows; may be "
-        "repeated",
+        "--archive DIR",
+        "folder with results of `forewarn score-archive` that the page shows; may be repeated",
         action="append",
     )
     option(

@@ -37,11 +37,9 @@ from app.messages import limited_channels
 from app.recordings.exports import EXPORTS, ExportColumn, columns
 from app.recordings.files import digest_of
 from app.recordings.result_folder import (
-    LocalFolder,
     RemoteFile,
     ResultFolder,
     remote_files,
-    result_folder,
 )
 from app.recordings.scored import scoring_fields
 from app.recordings.scored_file import Scored, ScoreRequest, labels, load_monitors, score_file
@@ -424,23 +422,22 @@ def stored_about(schema: "pa.Schema") -> dict[str, Any]:
 
 
 def _files(request: ArchiveRequest) -> Iterator[ArchiveFile]:
-    source, out = result_folder(request.source), request.out
-    root = source.path if isinstance(source, LocalFolder) else None
-    if root is not None and not root.is_dir():
-        raise ValueError(f"{root} is not a folder: give the folder of the recordings")
-    if source.holds(out.root):
-        raise ValueError(f"the results in {out} would lie among the recordings: give another --out")
-    if out.has(""):
+    out = request.out.path
+    if out.is_file():
         raise ValueError(f"{out} is a file: give a folder for the results")
-    if root is None:
+    if request.url:
         for remote in remote_files(request.url):
             yield ArchiveFile(Path(remote.name), remote.name, remote)
         return
+    root = request.score.file
+    if not root.is_dir():
+        raise ValueError(f"{root} is not a folder: give the folder of the recordings")
+    if out.resolve().is_relative_to(root.resolve()):
+        raise ValueError(f"the results in {out} would lie among the recordings: give another --out")
     for path in sorted(root.rglob("*")):
         inside = path.relative_to(root)
-        if any(part.startswith(".") for part in inside.parts) or out.holds(str(path.resolve())):
-            continue
-        if not path.is_dir() or path.is_symlink():
+        is_hidden = any(part.startswith(".") for part in inside.parts)
+        if not is_hidden and (not path.is_dir() or path.is_symlink()):
             yield ArchiveFile(path, inside.as_posix())
 
 

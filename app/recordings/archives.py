@@ -103,7 +103,7 @@ class ScoredArchive:
         copies = len(tables.files) - tables.files["copy_of"].null_count
         return tables.about | {
             "id": self.id,
-            "name": self.folder.name,
+            "name": self.folder.path.name,
             "folder": str(self.folder),
             "problem": "",
             "n_flights": len(tables.files) - failed - copies,
@@ -229,9 +229,9 @@ class ScoredArchive:
     def _why(self, error: OSError) -> str:
         if not isinstance(error, FileNotFoundError):
             return f"{self.folder} cannot be read: {error.strerror or error}"
-        if not self.folder.has_folder(""):
+        if not self.folder.path.is_dir():
             return f"there is no folder {self.folder}: check --archive and FOREWARN_ARCHIVES"
-        if self.folder.has_folder(RECORDS):
+        if (self.folder.path / RECORDS).is_dir():
             return f"{self.folder} is not scored to the end: {SCORE_AGAIN}"
         return (
             f"{self.folder} holds no results of `forewarn score-archive`: give the folder of its "
@@ -268,7 +268,7 @@ def _about(archive: ScoredArchive) -> dict[str, Any]:
     try:
         return archive.about()
     except ArchiveError as error:
-        place = {"name": archive.folder.name, "folder": str(archive.folder)}
+        place = {"name": archive.folder.path.name, "folder": str(archive.folder)}
         return {"id": archive.id, **place, "problem": str(error)}
 
 

@@ -21,7 +21,7 @@ import pytest
 from app.cli import main
 from app.recordings import archive
 from app.recordings.archive import ArchiveRequest, month_of, summary_of
-from app.recordings.result_folder import LocalFolder, result_folder
+from app.recordings.result_folder import ResultFolder
 from app.recordings.scored_file import Scored, ScoreRequest
 from app.telemetry.readers import isolation
 from core.channels import KEYS
@@ -275,7 +275,7 @@ def test_a_cluster_gives_the_tables_of_one_process(
 
 def test_a_worker_keeps_its_readers(source: Path, tmp_path: Path) -> None:
     score = ScoreRequest((MONITOR_FILE,), source)
-    packed = pickle.dumps(ArchiveRequest(score, LocalFolder(tmp_path / "out")))
+    packed = pickle.dumps(ArchiveRequest(score, ResultFolder(tmp_path / "out")))
     archive._opened(packed)
     gc.collect()
     assert isolation._keeping
@@ -371,61 +371,8 @@ def test_a_url_that_no_file_system_opens_is_refused_with_the_reason(
     among = tmp_path / "results"
     for source, out in (
         (f"file://{tmp_path}", str(among)),
-        ("memory://range", "memory://range/results"),
-        (str(tmp_path), "nowhere://results"),
+        (str(tmp_path), "memory://results"),
     ):
         assert main(["score-archive", str(MONITOR_FILE), source, "--out", out]) == 1
         assert "results" in capsys.readouterr().err
     assert not among.exists()
-
-
-@pytest.fixture
-def results() -> Iterator[str]:
-    import fsspec
-
-    yield "memory://results"
-    memory: Any = fsspec.filesystem("memory")
-    memory.rm("/results", recursive=True)
-
-
-def test_results_at_a_url_are_those_in_a_folder_and_are_continued(
-    source: Path, tmp_path: Path, scored: Any, results: str
-) -> None:
-    import fsspec
-
-    memory: Any = fsspec.filesystem("memory")
-    scored()
-    at_url = scored("--out", results)
-    assert (at_url["scored"], at_url["unchanged"]) == (3, 0)
-    assert scored("--out", results)["unchanged"] == 3
-    (source / "D-FLY/two.csv").unlink()
-    (source / "PH-LAB/20240601.csv").write_text("junk\n")
-    for _ in range(2):
-        assert scored("--out", results) | {"failed": {}} == scored() | {"failed": {}}
-        folder = tmp_path / "out"
-        there = {file.removeprefix("/results/") for file in memory.find("/results")}
-        here = {path.relative_to(folder).as_posix() for path in folder.rglob("*.*")}
-        assert there == {name for name in here if (folder / name).is_file()}
-        memory.get("/results/", f"{tmp_path}/fetched/", recursive=True)
-        assert tables(tmp_path / "fetched") == tables(folder)
-        shutil.rmtree(tmp_path / "fetched")
-
-
-@pytest.mark.parametrize("fails", ["pipe_file", "mv"])
-def test_a_file_at_a_url_is_whole_or_as_it_was(
-    results: str, fails: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    import fsspec
-
-    memory: Any = fsspec.filesystem("memory")
-    folder = result_folder(results)
-    folder.write("flights/a.json", b"before")
-
-    def broken(self: Any, path: str, *more: Any, **others: Any) -> None:
-        raise RuntimeError("no credentials")
-
-    monkeypatch.setattr(type(memory), fails, broken)
-    with pytest.raises(OSError, match=r"a\.json cannot be written: no credentials"):
-        folder.write("flights/a.json", b"after")
-    assert folder.read("flights/a.json") == b"before"
-    assert memory.find("/results") == ["/results/flights/a.json"]

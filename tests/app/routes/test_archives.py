@@ -21,7 +21,6 @@ from tests.support.places import DATA
 ARCHIVES = "/api/v1/archives"
 MONITOR_FILE = DATA / "version_0_1_0" / "certified.fwm"
 N_FLIGHTS = 3000
-PARTS = "", "/tiles?bins=50"
 
 
 @pytest.fixture(scope="module")
@@ -206,27 +205,14 @@ def test_a_flight_opens_with_its_samples_to_the_bit(
     assert "nobody" in problem(client.get(f"{path}?monitor=nobody"), 404)
 
 
-def test_an_archive_at_a_url_is_shown_as_one_in_a_folder(
-    client: TestClient, paths: dict[str, str], scored: Path, tmp_path: Path
-) -> None:
-    import fsspec
-
-    memory: Any = fsspec.filesystem("memory")
-    memory.put(f"{scored}/", "/shown/", recursive=True)
-    try:
-        with api(tmp_path, archives=("memory://shown", "memory://nothing")) as other:
-            about, missing = other.get(ARCHIVES).json()
-            assert (about["folder"], about["name"]) == ("memory://shown", "shown")
-            assert missing["problem"].startswith("there is no folder memory://nothing")
-            path = f"{ARCHIVES}/{about['id']}"
-            flight = client.get(f"{paths['scored']}/flights").json()[0]["id"]
-            for more in ("summary", "flights", "files", *(f"flights/{flight}{x}" for x in PARTS)):
-                here = client.get(f"{paths['scored']}/{more}").raise_for_status()
-                assert other.get(f"{path}/{more}").json() == here.json()
-            memory.rm("/shown/files.parquet")
-            assert "not scored to the end" in problem(other.get(path), 409)
-    finally:
-        memory.rm("/shown", recursive=True)
+def test_a_folder_that_is_missing_or_half_scored_is_named(scored: Path, tmp_path: Path) -> None:
+    half = shutil.copytree(scored, tmp_path / "half")
+    (half / "files.parquet").unlink()
+    nothing = tmp_path / "nothing"
+    with api(tmp_path / "data", archives=(str(half), str(nothing))) as client:
+        about, missing = client.get(ARCHIVES).json()
+        assert "not scored to the end" in about["problem"]
+        assert missing["problem"].startswith(f"there is no folder {nothing}")
 
 
 def test_a_link_out_of_the_archive_is_not_followed(scored: Path, tmp_path: Path) -> None:
