@@ -80,8 +80,7 @@ class ReportFiles:
 
     def check(self, request: ScoreRequest) -> None:
         """DestinationError where an output would overwrite an input."""
-        read = request.by_set.in_use.ids if request.by_set else request.monitors
-        inputs = {Path(path).resolve() for path in (request.file, *read)}
+        inputs = {path.resolve() for path in (request.file, *request.monitors)}
         for path in (path for label in labels(request) for path in self.paths(label)):
             if path.resolve() in inputs:
                 raise DestinationError(
