@@ -155,7 +155,7 @@ def test_postgresql_stores_assessments_as_they_are(postgresql: PostgreSQL) -> No
 
 
 def test_journals_that_became_recordings_have_their_digest(url: str, path: Path) -> None:
-    move(old_store(url, path), "0029")
+    move(old_store(url, path), "0024")
     engine = make_engine(address(url))
     with writing(engine) as connection:
         connection.exec_driver_sql("UPDATE flights SET recording_id = (SELECT id FROM recordings)")

@@ -1,4 +1,4 @@
-"""From the schema of version 0.1.0 to that of 0.2.0."""
+"""From the schema of version 0.1.0 to the first one of 0.2.0."""
 
 from collections.abc import Callable
 from typing import Any
