@@ -67,7 +67,6 @@ ALLOWED: dict[Role, tuple[str, ...]] = {
         f"POST {FLIGHT}/sender",
         SAMPLES,
         UPLINK,
-        f"POST {FLIGHT}/score",
         f"POST {API}/monitors/{{id}}/score",
         f"POST {API}/recordings",
         f"POST {RECORDING}/scorings",
@@ -126,7 +125,6 @@ CHANGES_NOTHING = (
     f"POST {RECORDING}/preview",
     f"POST {API}/datasets/preview",
     f"POST {API}/monitors/{{id}}/score",
-    f"POST {FLIGHT}/score",
 )
 """POST requests that only compute."""
 LOGGED_ONCE = (SAMPLES, UPLINK)

@@ -11,11 +11,10 @@ from app.flights.flight_monitors import member, members, monitors_in_use
 from app.flights.flight_records import ACCEPT_USELESS, NAME, flight_name, source_of
 from app.flights.planned_card import points_of
 from app.flights.request import FlightRequest
-from app.flights.shown_flight import ShownFlight
 from app.flights.sources.live import LiveSetup
 from app.flights.sources.playback import Script
 from app.flights.sources.simulated import SourceError
-from app.flights.sources.source import FlownLive, Live, Opening, header_of, journal_setup
+from app.flights.sources.source import FlownLive, Live, Opening, header_of
 from app.flights.sources.udp import UdpAccess
 from app.flights.transport import NotPossible
 from app.messages import CardPoint
@@ -115,28 +114,6 @@ class Preparation:
             points=self._points(info.monitor_id, monitors),
         )
         return plan, setup
-
-    def rescored(
-        self, flight_id: str, monitor_id: str | None, epsilon: float | None
-    ) -> tuple[ShownFlight, Opening]:
-        """Rescore an ended live flight from its journal.
-
-        monitor_id, epsilon: those of the flight if None, or its monitor set; for another monitor
-        its own epsilon.
-        NotFound; SourceError if it has no journal; LimitsUnknown; ValueError for the epsilon.
-        """
-        info = self._store.flights.info(flight_id)
-        monitors = self._monitors_of(flight_id) if monitor_id is None else None
-        if monitors is not None and epsilon is not None:
-            raise SourceError(
-                f"epsilon {epsilon:g} was given for a flight on a monitor set, whose monitors have "
-                "their own: leave it out, or give a monitor"
-            )
-        is_same = monitor_id in (None, info.monitor_id)
-        monitor = self._monitor(monitor_id or info.monitor_id)
-        epsilon = info.epsilon if is_same and epsilon is None else monitor.check_epsilon(epsilon)
-        opening = self._opening(monitor_id or info.monitor_id, monitor, epsilon, monitors)
-        return ShownFlight(journal_setup(opening, flight_id), flight_id), opening
 
     def _opening(
         self, monitor_id: str, monitor: Monitor, epsilon: float, monitors: MonitorsInUse | None

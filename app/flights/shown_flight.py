@@ -17,7 +17,6 @@ from app.flights.flight import stale_after
 from app.flights.sources.live import LiveSetup
 from app.flights.sources.playback import Angles, StoredScript, onsets
 from app.flights.sources.simulated import SourceError
-from app.store.assessments import StoredAssessments
 from app.telemetry.journal import lines_of
 from core.limits.limits import Envelope
 from core.monitor import Assessment
@@ -105,13 +104,6 @@ class ShownFlight(StoredScript):
         """Each by the limits in force when it was received."""
         return self._received.get(k, ())
 
-    @property
-    def exceeded_t(self) -> float | None:
-        """First exceedance [s]: of the sensor's samples, else of those on the grid."""
-        received = [each.t for due in self._received.values() for each in due]
-        on_grid = self.samples["t"][self.exceedances].tolist()
-        return min(received or on_grid, default=None)
-
     def attitude(self, k: int) -> Angles:
         """As received; missing angles are integrated from the rates."""
         phi, theta, psi = self.samples["attitude"][k].tolist()
@@ -171,15 +163,6 @@ class ShownFlight(StoredScript):
             if i + 1 == len(self._came) or self._came[i + 1] > stale:
                 return max(0.0, stale - float(shown[k]))
         return None
-
-    def is_as(self, stored: StoredAssessments) -> bool:
-        """Whether a record equals this flight bit for bit, as far as it goes."""
-        if len(stored) and stored.seq[-1] >= len(self.samples):
-            return False
-        samples, names = self.samples[stored.seq], ("t", "y", "p_value", "alert", "state", "y_hat")
-        return tuple(self.reasons[k] for k in stored.seq) == stored.reasons and all(
-            samples[name].tobytes() == getattr(stored, name).tobytes() for name in names
-        )
 
     def _read(self, setup: LiveSetup, flight_id: str) -> Iterator[tuple[Any, ...]]:
         display, known, scorer = setup.display_attitude(), dict[str, str](), setup.scorer()

@@ -1,33 +1,22 @@
-"""Live flights over REST: samples, manual manoeuvre starts, and rescoring from the journal."""
+"""Live flights over REST: samples, manual manoeuvre starts, and senders of datagrams."""
 
 import asyncio
-from typing import Annotated, Any
 
-from fastapi import APIRouter, Body, Request
+from fastapi import APIRouter, Request
 from pydantic import BaseModel, Field
 from starlette.requests import HTTPConnection
 
-from app.assessment.outcome import alert_times
-from app.flights.flights import Flights
 from app.http.problems import Problem, problem_responses
-from app.messages import Frame, LiveStatus, plain_frame
+from app.messages import LiveStatus
 from app.routes.dependencies import (
-    First,
     FlightsDep,
-    Last,
     PersonDep,
-    RecordingsDep,
     SignedBy,
     SignedRequest,
-    TimeInterval,
     body_of,
-    frame_range,
-    json_response,
-    refused,
     signature,
     strictly,
 )
-from app.routes.flights import FramesPart
 
 router = APIRouter(prefix="/api/v1/flights", tags=["flights"])
 DURABLE_WITHIN_S = 5.0
@@ -119,97 +108,6 @@ async def change_sender(
     flight = await flights.live(flight_id)
     by = signature(person, request.by)
     await asyncio.shield(flight.change_sender(request.sender, by))
-
-
-class LiveScoreRequest(BaseModel):
-    """Monitor and accepted miss rate; those of the flight, or its monitor set, if absent."""
-
-    model_config = strictly({"epsilon": 0.1})
-
-    monitor: str | None = Field(default=None, description="id")
-    epsilon: float | None = Field(
-        default=None,
-        gt=0,
-        lt=1,
-        description="if absent, that of the flight, or of another monitor its own",
-    )
-
-
-class ShownFrame(Frame):
-    """A frame of the flight with the time at which it was, or would have been, shown."""
-
-    shown: float = Field(description="[s] since the flight began")
-    manoeuvre: int = Field(description="1, 2 ...; 0 between manoeuvres")
-
-
-class LiveScore(FramesPart):
-    """Assessments of a live flight by a monitor, each from the samples received by then."""
-
-    flight: str = Field(description="id")
-    monitor: str | None = Field(description="id; null for the monitor set of the flight")
-    epsilon: float
-    delay: float = Field(description="longest wait of a sample for others [s]")
-    lead: float = Field(description="lead time of a shown alert [s]: the monitor's less the delay")
-    as_shown: bool | None = Field(
-        description="whether the record of the flight is bit for bit the same; null for another "
-        "monitor or epsilon than the flight's own"
-    )
-    n_samples: int
-    alerts: list[TimeInterval] = Field(description="each from its first sample to its last")
-    exceeded_t: float | None = Field(description="time of the first measured exceedance [s]")
-    frames: list[ShownFrame]  # pyright: ignore[reportIncompatibleVariableOverride]
-
-
-@router.post("/{flight_id}/score", responses=problem_responses(429))
-async def score_live(
-    flight_id: str,
-    flights: FlightsDep,
-    recordings: RecordingsDep,
-    request: Annotated[LiveScoreRequest | None, Body()] = None,
-    first: First = 0,
-    last: Last = None,
-) -> LiveScore:
-    """Rescore an ended live flight from its journal as in flight, without later samples.
-
-    The journal holds each batch with its time of arrival. The flight's own monitor gives the same
-    bits as in flight; another monitor gives what it would have shown. The result is not stored.
-    """
-    arguments = flight_id, request or LiveScoreRequest(), first, last
-    with refused(422, "source", ValueError):
-        return json_response(await recordings.workers.run(_answer, flights, *arguments))
-
-
-def _answer(
-    flights: Flights, flight_id: str, request: LiveScoreRequest, first: int, last: int | None
-) -> dict[str, Any]:
-    shown, opening = flights.preparation.rescored(flight_id, request.monitor, request.epsilon)
-    info = flights.store.flights.info(flight_id)
-    has_set = flight_id in flights.store.monitor_sets.of_flights([flight_id])
-    is_own = (opening.monitor_id, opening.epsilon) == (info.monitor_id, info.epsilon)
-    is_own = is_own and has_set == (opening.monitors is not None)
-    samples, n = shown.samples, len(shown.samples)
-    stop, following = frame_range(first, last, n)
-    return {
-        "flight": flight_id,
-        "monitor": opening.monitor_id if opening.monitors is None else None,
-        "epsilon": opening.epsilon,
-        "delay": shown.delay,
-        "lead": opening.monitor.lead - shown.delay,
-        "as_shown": shown.is_as(flights.store.flights.assessments(flight_id)) if is_own else None,
-        "n_samples": n,
-        "alerts": [
-            {"start": start, "end": end}
-            for start, end in alert_times(samples["t"], samples["alert"])
-        ],
-        "exceeded_t": shown.exceeded_t,
-        "first": first,
-        "next": following,
-        "frames": [
-            plain_frame(k, shown.y(k), shown.assessment(k), None)
-            | {"shown": float(samples["shown"][k]), "manoeuvre": int(samples["manoeuvre"][k])}
-            for k in range(min(first, n), min(stop, n))
-        ],
-    }
 
 
 def sender_of(way: str, connection: HTTPConnection) -> str:

@@ -70,7 +70,6 @@ def test_an_exceedance_has_one_time_and_value(
         )
         assert of_channel["worst"] == pytest.approx(0.9)
     assert get(server, f"/flights/{flight}/comparison")["exceeded_t"] == alarm["t"]
-    assert post(server, f"/flights/{flight}/score")["exceeded_t"] == alarm["t"]
 
     def recording_of() -> str:
         return get(server, f"/flights/{flight}")["recording"]

@@ -34,6 +34,7 @@ from core.monitor.status import Facts, headline, in_words
 from core.planned_test.collection import DatasetRecipe, collect
 from tests.support.flying import ScriptedClock, Seen, T, exact_monitor, failing_flight
 from tests.support.oscillator import DT, N_SAMPLES
+from tests.support.shown_record import is_as_shown
 
 
 def limit_set(*cases: tuple[str, dict[str, Any], float]) -> LimitSet:
@@ -288,7 +289,7 @@ def test_a_measured_condition_chooses_the_limits_and_the_journal_says_the_same(
                 trim="none",
             )
             shown = ShownFlight(setup, flight.id)
-            assert shown.is_as(place.store.flights.assessments(flight.id))
+            assert is_as_shown(shown, place.store.flights.assessments(flight.id))
             journal = place.directory / "live" / f"{flight.id}.jsonl"
             read_file(journal, place.directory / "columns", name="flown")
             mapping = Mapping({}, {"": TimeSource("t")})

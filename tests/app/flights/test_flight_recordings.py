@@ -245,32 +245,6 @@ def test_an_interrupted_flight_of_long_ago_becomes_a_recording_and_takes_no_more
         assert "is a recording now" in problem(answer, 409)
 
 
-def test_it_is_scored_again_to_the_bit_and_by_another_monitor(range_: Range) -> None:
-    flight = range_.start()
-    url = f"{FLIGHTS}/{flight}/score"
-    assert "is in progress" in problem(range_.client.post(url), 422)
-    for k in (*range(20), 22, 21, 23, 30, 31):
-        range_.push(flight, k)
-    range_.end(flight)
-    recorded = range_.client.get(f"{FLIGHTS}/{flight}/assessments").json()["frames"]
-    again = range_.client.post(url).json()
-    assert again["as_shown"] is True
-    assert again["n_samples"] == len(recorded)
-    shown = [frame.pop("shown") for frame in again["frames"]]
-    assert shown == sorted(shown)
-    assert [{**frame, "manoeuvre": 0} for frame in recorded] == again["frames"]
-    page = range_.client.post(url, params={"first": 5, "last": 7}).json()
-    assert [frame["seq"] for frame in page["frames"]] == [5, 6, 7]
-    other = range_.client.post(url, json={"epsilon": 0.5}).json()
-    assert (other["as_shown"], other["epsilon"]) == (None, 0.5)
-    problem(range_.client.post(url, json={"monitor": "nothing"}), 404)
-    source = {"kind": "simulated"}
-    body = {"source": source, "monitor": range_.monitor}
-    simulated = range_.client.post(FLIGHTS, json=body).json()["id"]
-    answer = range_.client.post(f"{FLIGHTS}/{simulated}/score")
-    assert "has no journal" in problem(answer, 422)
-
-
 def test_it_is_replayed_as_it_was_shown(range_: Range) -> None:
     flight = range_.start("first flight")
     for k in range(20):

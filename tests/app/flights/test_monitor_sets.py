@@ -168,9 +168,6 @@ def test_the_monitor_of_the_condition_is_used_with_a_fresh_history(run: Callable
             await flights.stop(flight.id)
             frames = await flights.records.frames(flight.id, 0, 1000)
             assert_each_part_is_by_its_monitor_alone(frames)
-            shown, opening = flights.preparation.rescored(flight.id, None, None)
-            assert opening.monitors is not None
-            assert shown.is_as(place.store.flights.assessments(flight.id))
             held = place.store.flights.info(flight.id).limits_held or []
             ids = [each["monitor"] for each in held][1:]
             in_turn = [place.slow, place.fast, "", place.slow, "", place.slow, ""]
@@ -184,10 +181,6 @@ def test_the_monitor_of_the_condition_is_used_with_a_fresh_history(run: Callable
             assert [f["p_value"] for f in replayed] == [f["p_value"] for f in frames]
             replay.act("seek", float(T[30]))
             assert replay.in_force.monitor_set.case == "fast"
-            alone, _ = flights.preparation.rescored(flight.id, place.slow, None)
-            assert not alone.is_as(place.store.flights.assessments(flight.id))
-            with pytest.raises(SourceError, match="leave it out"):
-                flights.preparation.rescored(flight.id, None, 0.3)
 
     run(test)
 
