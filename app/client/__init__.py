@@ -1,6 +1,6 @@
 """Send telemetry to a Forewarn server from another program."""
 
-from app.client.client import LiveClient, Way
+from app.client.client import LiveClient
 from app.client.outbox import PushFailed
 
-__all__ = ["LiveClient", "PushFailed", "Way"]
+__all__ = ["LiveClient", "PushFailed"]

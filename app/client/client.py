@@ -12,7 +12,6 @@ and nothing counts twice. Leaving the context ends the flight.
 import asyncio
 import random
 import secrets
-import socket
 import ssl
 import threading
 import time
@@ -20,7 +19,6 @@ from collections.abc import Mapping
 from contextlib import suppress
 from types import TracebackType
 from typing import Any, Literal, Self
-from urllib.parse import urlsplit
 
 import httpx2
 import msgspec
@@ -30,11 +28,6 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketExce
 from app.client.flight_stream import FlightStream
 from app.client.outbox import OnSettled, Outbox, OutgoingBatch, PushFailed
 
-Way = Literal["websocket", "rest", "udp"]
-MOST_VALUES = 8_000
-"""Per batch: at most 200 kB of the 256 kB that a message may have."""
-MOST_VALUES_UDP = 40
-"""Per datagram, so that it fits a packet."""
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.1, 5.0
 """Between two connection attempts."""
 REQUEST_S, PING_S = 15.0, 5.0
@@ -54,8 +47,6 @@ class LiveClient:
     """Pushes samples into one live flight, in the background. PushFailed.
 
     url: of the server.   token: of an operator, if the server needs one.
-    way: `websocket`; `rest`; `udp`: datagrams, and lost ones by WebSocket at the end.
-    udp_key: key of datagrams, if the server has one.
     patience: longest wait for acknowledgements when leaving, since the last one [s].
     keep_open: leave the flight in progress. Otherwise leaving the client's context ends the flight
     that it started or pushed into, once every sample is durable; an error never ends a flight.
@@ -67,14 +58,12 @@ class LiveClient:
         url: str = "http://127.0.0.1:8000",
         token: str | None = None,
         *,
-        way: Way = "websocket",
-        udp_key: str | None = None,
         patience: float = PATIENCE_S,
         keep_open: bool = False,
         on_settled: OnSettled | None = None,
     ) -> None:
         self.keep_open, self._has_started = keep_open, False
-        self.url, self.way, self.patience = url.rstrip("/"), way, patience
+        self.url, self.patience = url.rstrip("/"), patience
         self.flight = ""
         self.problem = ""
         """Why nothing is being acknowledged; empty if it is."""
@@ -85,11 +74,10 @@ class LiveClient:
         self._options |= {"trust_env": False, "base_url": f"{self.url}/api/v1"}
         if self.url.startswith("https:"):  # the system's authorities, as for WebSockets
             self._options["verify"] = ssl.create_default_context()
-        self._headers, self._udp_key = headers, udp_key
-        self._samples = Outbox(MOST_VALUES_UDP if way == "udp" else MOST_VALUES, on_settled)
+        self._headers, self._samples = headers, Outbox(on_settled)
         self._thread: threading.Thread | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._closing = self._flushing = False
+        self._closing = False
         self._work_available, self._stop = asyncio.Event(), asyncio.Event()
 
     # --- the flight ---------------------------------------------------------------------------
@@ -108,8 +96,6 @@ class LiveClient:
         condition: of a flight on a set: declared values in SI units, or names that samples have.
         source: further fields of the source: recording, delay, trim, udp.
         """
-        if self.way == "udp":
-            source = {"udp": 0} | source
         source = {"kind": "live"} | {key: x for key, x in source.items() if x is not None}
         given = {"monitor": monitor, "monitor_set": monitor_set, "name": name}
         given |= {"condition": condition}
@@ -221,12 +207,7 @@ class LiveClient:
 
     def flush(self, patience: float | None = None) -> bool:
         """Wait until every sample is durable. False if none was acknowledged for `patience` [s]."""
-        self._flushing = True
-        self._wake()
-        try:
-            return self._samples.wait(self.patience if patience is None else patience)
-        finally:
-            self._flushing = False
+        return self._samples.wait(self.patience if patience is None else patience)
 
     def close(self) -> None:
         self._closing = True
@@ -284,11 +265,11 @@ class LiveClient:
 
     async def _keep_pushing(self) -> None:
         """Push; after each fault reconnect, with longer waits until something is durable."""
-        wait, link = FIRST_WAIT_S, {"rest": self._by_rest, "udp": self._by_udp}
+        wait = FIRST_WAIT_S
         while True:
             n_durable = self._samples.n_durable
             try:
-                await link.get(self.way, self._by_websocket)()
+                await self._by_websocket()
             except PushFailed:
                 raise
             except (OSError, WebSocketException, httpx2.HTTPError, _Retry) as error:
@@ -305,14 +286,6 @@ class LiveClient:
             self._work_available.clear()
             await self._work_available.wait()
         return batch
-
-    async def _by_rest(self) -> None:
-        async with httpx2.AsyncClient(**self._options) as http:
-            while True:
-                batch = await self._next()
-                answer = await http.post(f"/flights/{self.flight}/samples", content=batch.text)
-                reason = "" if answer.is_success else _detail(answer)
-                self._note(batch.sequence, answer.status_code, reason)
 
     async def _by_websocket(self) -> None:
         address = f"ws{self.url.removeprefix('http')}/api/v1/flights/{self.flight}/uplink"
@@ -350,41 +323,6 @@ class LiveClient:
         with suppress(WebSocketException):  # the receiving side reports it
             while True:
                 await socket.send((await self._next()).text, text=True)
-
-    async def _by_udp(self) -> None:
-        """Send datagrams; while someone waits for them, repeat lost ones by WebSocket."""
-        to = (await asyncio.to_thread(self.status))["udp"]
-        if to is None:
-            raise PushFailed("the flight does not listen for datagrams: start it with `udp`")
-        host, port = urlsplit(self.url).hostname or "", int(to.rpartition(":")[2])
-        family, *_, target = (await asyncio.to_thread(socket.getaddrinfo, host, port))[0]
-        with socket.socket(family, socket.SOCK_DGRAM) as sender:
-            while True:
-                if (self._flushing or self._samples.is_full) and not self._samples.is_empty:
-                    await self._repeat_lost()
-                elif (batch := self._samples.take()) is not None:
-                    sender.sendto(self._keyed(batch.text), target)
-                    await asyncio.sleep(0.0)
-                else:
-                    self._work_available.clear()
-                    await self._work_available.wait()
-
-    def _keyed(self, text: bytes) -> bytes:
-        if self._udp_key is None:
-            return text
-        return b'{"key":' + msgspec.json.encode(self._udp_key) + b"," + text.removeprefix(b"{")
-
-    async def _repeat_lost(self) -> None:
-        self._samples.rewind()
-        repeating = asyncio.create_task(self._by_websocket())
-        try:
-            while not (repeating.done() or self._samples.is_empty):
-                await asyncio.wait((repeating,), timeout=0.02)
-            if repeating.done():
-                repeating.result()
-        finally:
-            repeating.cancel()
-            await asyncio.wait((repeating,))
 
     def _note(self, sequence: int | None, status: int, reason: str) -> None:
         """Handle the server's answer to a batch. PushFailed; _Retry."""

@@ -13,6 +13,8 @@ MOST_IN_BATCH = 500
 """Most samples per batch; the server accepts 1000."""
 MOST_BYTES = 262_144
 """Largest message that the server accepts."""
+MOST_VALUES = 8_000
+"""Per batch: at most 200 kB."""
 
 
 class PushFailed(OSError):
@@ -38,8 +40,8 @@ class Outbox:
     thread, which calls `on_settled`.
     """
 
-    def __init__(self, most_values: int, on_settled: OnSettled | None = None) -> None:
-        self._most_values, self._on_settled = most_values, on_settled
+    def __init__(self, on_settled: OnSettled | None = None) -> None:
+        self._on_settled = on_settled
         self._changed = threading.Condition()
         self._waiting: deque[dict[str, float | None]] = deque()
         self._open: dict[int, OutgoingBatch] = {}
@@ -142,7 +144,7 @@ class Outbox:
 
     def _made(self) -> OutgoingBatch:
         """A batch of waiting samples, as large as allowed."""
-        most = max(1, self._most_values // max(1, len(self._waiting[0])))
+        most = max(1, MOST_VALUES // max(1, len(self._waiting[0])))
         most = min(most, MOST_IN_BATCH, len(self._waiting))
         columns = columns_of([self._waiting.popleft() for _ in range(most)])
         text = msgspec.json.encode(columns | {"sequence": self._sequence})

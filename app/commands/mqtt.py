@@ -53,6 +53,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         default=600,
     )
     add_flight(parser)
+    option(parser, "--recording ID", "stored recording whose mapping the started flight uses")
     parser.epilog = f"{TOKEN} holds an operator's token, if the server needs one."
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:  # slow to import, and not needed for help
     from app.commands.recorded_rows import RecordedRows
 
 INTERRUPTED = 130
-TOKEN, UDP_KEY = "FOREWARN_TOKEN", "FOREWARN_UDP_KEY"
+TOKEN = "FOREWARN_TOKEN"
 FASTEST = "max"
 LAST_S = 2.0
 """Longest wait of an interrupted push for acknowledgements."""
@@ -34,17 +34,9 @@ NOT_AS_FLOWN = (
 def add(parser: argparse.ArgumentParser) -> None:
     option(parser, "file FILE", "telemetry in any supported format", type=Path)
     add_flight(parser)
-    ways = parser.add_mutually_exclusive_group()
-    for way, words in (
-        ("websocket", "by WebSocket (the default)"),
-        ("rest", "by REST"),
-        ("udp", f"as datagrams, with {UDP_KEY} if set; lost ones by WebSocket at the end"),
-    ):
-        ways.add_argument(f"--{way}", dest="way", action="store_const", const=way, help=words)
     option(parser, "--rate 1x|4x|...|max", "multiple of the recorded rate", default="1x")
     option(parser, "--token TOKEN", f"an operator's token; default: {TOKEN}")
     option(parser, "--mapping FILE.json", "mapping of the signals", type=Path)
-    option(parser, "--as-is", "send the file's own names and numbers; the flight maps them")
     option(
         parser,
         "--keep-open",
@@ -52,7 +44,6 @@ def add(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--end", action="store_true", help=argparse.SUPPRESS)  # the default now
     add_json(parser)
-    parser.set_defaults(way="websocket")
 
 
 def add_flight(parser: argparse.ArgumentParser) -> None:
@@ -69,7 +60,6 @@ def add_flight(parser: argparse.ArgumentParser) -> None:
     option(parser, "--server URL", "default: %(default)s", default="http://127.0.0.1:8000")
     option(parser, "--name NAME", "of the started flight")
     add_condition(parser)
-    option(parser, "--recording ID", "stored recording whose mapping the started flight uses")
 
 
 def start_flight(
@@ -79,9 +69,8 @@ def start_flight(
     declared: dict[ConditionKey, float],
 ) -> None:
     """Start the flight of these options. PushFailed."""
-    about = {"name": name, "recording": options.recording}
-    groups = {"monitor_set": options.monitor_set, "condition": declared}
-    client.start(options.monitor, **groups, **about)
+    about = {"monitor_set": options.monitor_set, "condition": declared, "name": name}
+    client.start(options.monitor, **about, recording=getattr(options, "recording", None))
 
 
 def run(options: argparse.Namespace) -> int:
@@ -89,13 +78,7 @@ def run(options: argparse.Namespace) -> int:
     from app.client import LiveClient, PushFailed  # slow to import, not needed for help
 
     rate = _rate(options.rate)
-    if options.as_is and not (options.flight or options.recording):
-        raise ValueError("--as-is needs a mapping: give --recording ID too")
-    if options.recording and not options.as_is:
-        raise ValueError("--recording maps the file's own names: give --as-is too")
-    token = options.token or os.environ.get(TOKEN)
-    udp_key = os.environ.get(UDP_KEY)
-    client = LiveClient(options.server, token, way=options.way, udp_key=udp_key)
+    client = LiveClient(options.server, options.token or os.environ.get(TOKEN))
     rows = _prepared(client, options)
     for note in (*rows.notes, *([NOT_AS_FLOWN] if rate != 1.0 else [])):
         print(note, file=sys.stderr)
@@ -131,7 +114,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _prepared(client: LiveClient, options: argparse.Namespace) -> RecordedRows:
     """Join or start the flight. Returns what to send. TelemetryError; PushFailed; ValueError."""
-    from app.commands.recorded_rows import raw_rows, si_rows  # slow to import
+    from app.commands.recorded_rows import si_rows  # slow to import
     from core.channels import Dictionary
 
     declared = declared_of(options)
@@ -148,24 +131,11 @@ def _prepared(client: LiveClient, options: argparse.Namespace) -> RecordedRows:
         needed = {key: key for case in cases for key in case["ranges"] if key not in declared}
     monitor = flight.get("monitor") or cases[0]["monitor"]
     dictionary = Dictionary.from_stored(client.dictionary(monitor))
-    is_mapped = bool(options.recording or flight.get("source", {}).get("recording"))
-    if is_mapped and not options.as_is:
+    if flight.get("source", {}).get("recording"):
         raise ValueError(
-            f"flight {options.flight} reads the names of a recording, not SI units: give --as-is"
+            f"flight {options.flight} reads the names of a recording, not SI units: push into a "
+            "flight without one"
         )
-
-    def start() -> None:
-        if not options.flight:
-            start_flight(client, options, options.name, declared)
-
-    if options.as_is:
-        start()
-        status = client.status()
-        units = {each["name"]: each["unit"] for each in status["conditions"]}
-        names = [*status["names"], *units]
-        if not is_mapped:
-            units |= {known.key: known.unit for known in dictionary.channels}
-        return raw_rows(options.file, options.mapping, names, units)
     rows = si_rows(options.file, options.mapping, dictionary, needed)
     if lacking := [key for key, name in needed.items() if name not in rows.names]:
         labels = " and ".join(CONDITIONS[key].label for key in lacking)
@@ -176,7 +146,8 @@ def _prepared(client: LiveClient, options: argparse.Namespace) -> RecordedRows:
                 f"{lacking[0]}=VALUE, or map a signal to it with --mapping"
             )
         rows.notes.append(f"WARNING: the flight needs {text}")
-    start()
+    if not options.flight:
+        start_flight(client, options, options.name, declared)
     return rows
 
 

@@ -1,7 +1,7 @@
 """A recording as rows to send to a live flight, in order of time."""
 
 import collections.abc as abc
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
@@ -19,7 +19,7 @@ from app.telemetry.reading import columns_of
 from app.telemetry.recording import ATTITUDE, TelemetryError, Trace
 from app.telemetry.targets import TARGETS
 from app.telemetry.timing.repair import repair
-from app.telemetry.units import PLAIN, convert, factor, fits
+from app.telemetry.units import PLAIN, convert, fits
 from core.channels import LATERAL, Dictionary, channel
 from core.conditions import CONDITIONS, ConditionKey
 from core.types import Array
@@ -111,42 +111,6 @@ def _condition(mapped: abc.Mapping[str, Trace]) -> Iterator[tuple[ConditionKey, 
                 f"{known.label}"
             )
         yield key, trace
-
-
-def raw_rows(
-    file: Path, mapping: Path | None, names: Sequence[str], units: abc.Mapping[str, str] = NO_NAMES
-) -> RecordedRows:
-    """The signals of these names with the file's own values, time first. TelemetryError.
-
-    units: in which the flight reads names that it does not map.
-    """
-    with columns_of(file) as columns:
-        used, _ = _mapping(columns, mapping, LATERAL)
-        signals = {signal.name: signal for signal in columns.contents.signals}
-        sent = [name for name in names if name in signals]
-        lacking = [name for name in names if name not in signals]
-        if names[0] not in signals or len(sent) < 2:
-            raise TelemetryError(
-                f"{file} has no signal {', '.join(lacking)}, which the flight expects: leave out "
-                "--as-is, or start a flight with the mapping of this recording"
-            )
-        for name in (each for each in sent if each in units):
-            unit, needed = signals[name].unit, units[name] or PLAIN
-            if unit and not (fits(unit, needed) and factor(unit, needed) == 1.0):
-                raise TelemetryError(
-                    f"{file} has {name} in {unit}, and the flight reads it in {needed}: leave out "
-                    "--as-is"
-                )
-        if len({signals[name].group for name in sent}) > 1:
-            raise TelemetryError(
-                f"the signals of {file} have different sample times: leave out --as-is"
-            )
-        values = np.column_stack([np.array(columns.raw(name)) for name in sent])
-        unit = [time.unit for time in used.times.values() if time.signal == names[0]]
-        t = convert(values[:, 0], unit[0] if unit else "s", "s")
-    timed = np.isfinite(t)
-    notes = [f"Not sent, because the file has no such signal: {', '.join(lacking)}."]
-    return RecordedRows(t[timed], sent, values[timed], notes if lacking else [])
 
 
 def _mapping(

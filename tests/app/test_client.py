@@ -7,13 +7,13 @@ import threading
 from collections.abc import Iterator
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import httpx2
 import pytest
 
 from app.assessment.batches import MOST_SAMPLES
-from app.client import LiveClient, PushFailed, Way
+from app.client import LiveClient, PushFailed
 from app.client.outbox import MOST_BYTES
 from app.serving import LARGEST_MESSAGE
 from app.settings import Settings
@@ -40,9 +40,8 @@ def progress(server: LiveServer, flight: str) -> str:
     return httpx2.get(f"{server.url}/api/v1/flights/{flight}").json()["progress"]
 
 
-@pytest.mark.parametrize("way", get_args(Way))
-def test_all_that_was_sent_is_durable_once_the_client_is_left(server: LiveServer, way: Way) -> None:
-    with LiveClient(server.url, way=way) as client:
+def test_all_that_was_sent_is_durable_once_the_client_is_left(server: LiveServer) -> None:
+    with LiveClient(server.url) as client:
         flight = client.start(server.monitor_id, trim="none")
         send(client, 0, 400)
     assert (client.sent, client.durable, client.refused) == (400, 400, 0)
@@ -71,15 +70,14 @@ def test_an_authority_of_the_range_is_trusted_once_it_is_named(
         server.shutdown()
 
 
-@pytest.mark.parametrize("way", get_args(Way))
-def test_the_largest_batch_of_a_client_is_one_for_the_server(way: Way) -> None:
-    client = LiveClient(way=way)
+def test_the_largest_batch_of_a_client_is_one_for_the_server() -> None:
+    client = LiveClient()
     for k in range(2 * MOST_SAMPLES):
         client._samples.put({"t": DT * k, **REST})
     batch = client._samples.take()
     assert batch is not None
     assert 1 <= batch.n <= MOST_SAMPLES
-    assert len(batch.text) <= (1400 if way == "udp" else LARGEST_MESSAGE)
+    assert len(batch.text) <= LARGEST_MESSAGE
 
 
 def test_a_second_client_goes_on_after_the_first(server: LiveServer) -> None:
@@ -145,9 +143,8 @@ def test_a_batch_beyond_the_largest_message_is_refused_at_once() -> None:
     client.close()
 
 
-@pytest.mark.parametrize("way", ["websocket", "rest"])
-def test_a_flight_that_was_ended_takes_no_more(server: LiveServer, way: Way) -> None:
-    client = LiveClient(server.url, way=way)
+def test_a_flight_that_was_ended_takes_no_more(server: LiveServer) -> None:
+    client = LiveClient(server.url)
     client.start(server.monitor_id)
     send(client, 0, 1)
     client.end()

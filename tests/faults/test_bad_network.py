@@ -6,9 +6,8 @@ import time
 from pathlib import Path
 
 import httpx2
-import pytest
 
-from app.client import LiveClient, Way
+from app.client import LiveClient
 from core.channels import KEYS
 from tests.app.flights.test_flights import monitor
 from tests.faults.conftest import keep_monitor
@@ -21,12 +20,11 @@ DT = 0.05
 REST = dict.fromkeys(KEYS, 0.0)
 
 
-@pytest.mark.parametrize("way", ["websocket", "rest"])
-def test_a_line_that_is_cut_and_slow_loses_and_doubles_nothing(tmp_path: Path, way: Way) -> None:
+def test_a_line_that_is_cut_and_slow_loses_and_doubles_nothing(tmp_path: Path) -> None:
     n, cuts = 600, 6
     with live_server(tmp_path) as server:
         with BadLine(server.url, 1, cuts, 3000).open() as line:
-            with LiveClient(line.url, way=way, keep_open=True) as client:
+            with LiveClient(line.url, keep_open=True) as client:
                 flight = client.start(server.monitor_id, trim="none")
                 for k in range(n):
                     client.send(REST, t=DT * k)
@@ -37,6 +35,27 @@ def test_a_line_that_is_cut_and_slow_loses_and_doubles_nothing(tmp_path: Path, w
         assert journal_samples(tmp_path, flight) == [DT * k for k in range(n)]
         httpx2.post(f"{server.url}/api/v1/flights/{flight}/end").raise_for_status()
     assert assert_shown_again(tmp_path, flight) == n
+
+
+def test_a_batch_that_is_posted_until_it_is_answered_counts_once(tmp_path: Path) -> None:
+    n_repeated = 0
+    with live_server(tmp_path) as server:
+        client = LiveClient(server.url)
+        flight = client.start(server.monitor_id, trim="none")
+        with BadLine(server.url, 1, 6, 3000).open() as line, httpx2.Client() as http:
+            url = f"{line.url}/api/v1/flights/{flight}/samples"
+            for k in range(100):
+                batch = {"sequence": k, "t": DT * k} | REST
+                while True:
+                    try:
+                        http.post(url, json=batch).raise_for_status()
+                        break
+                    except httpx2.TransportError:
+                        n_repeated += 1
+            assert (n_repeated > 1, line.cuts <= 0) == (True, True)
+        assert journal_samples(tmp_path, flight) == [DT * k for k in range(100)]
+        client.end()
+    assert assert_shown_again(tmp_path, flight) == 100
 
 
 def test_datagrams_that_are_lost_doubled_and_late_show_again_as_they_came(

@@ -87,7 +87,9 @@ def test_a_flight_that_was_given_is_ended_too_unless_it_is_to_stay_open(
     assert (code, httpx2.get(path).json()["progress"]) == (0, "ended")
 
 
-def test_own_names_are_read_by_the_recording_of_the_flight(server: LiveServer, file: Path, capsys):
+def test_a_flight_that_reads_the_names_of_a_recording_is_refused(
+    server: LiveServer, file: Path, capsys
+):
     recordings = f"{server.url}/api/v1/recordings"
     sent = httpx2.post(recordings, files={"file": ("f.csv", file.read_bytes())}).json()
     live = {"source": {"kind": "live", "recording": sent["id"]}, "monitor": server.monitor_id}
@@ -95,16 +97,10 @@ def test_own_names_are_read_by_the_recording_of_the_flight(server: LiveServer, f
     assert (unconfirmed.status_code, "confirm it" in unconfirmed.text) == (422, True)
     confirmed = httpx2.put(f"{recordings}/{sent['id']}/mapping", json=sent["mapping"])
     confirmed.raise_for_status()
-    options = ["--server", server.url, "--rate", "max", "--as-is"]
-    assert main(["push", str(file), "--monitor", server.monitor_id, *options]) == 1
-    assert "give --recording ID too" in capsys.readouterr().err
-    more = ["--monitor", server.monitor_id, "--recording", sent["id"]]
-    code, result = pushed(capsys, file, *options, *more)
-    assert (code, result["refused"]) == (0, 0)
-    beta = np.radians(journal_samples(server.root, result["flight"], "beta_deg"))
-    assert beta[-len(flown()) :] == pytest.approx(flown()[:, 0], abs=1e-9)
-    frames = httpx2.get(f"{server.url}/api/v1/flights/{result['flight']}/assessments").json()
-    assert frames["frames"][-1]["y"] == pytest.approx(flown()[-1].tolist(), abs=1e-9)
+    flight = httpx2.post(f"{server.url}/api/v1/flights", json=live).json()["id"]
+    options = ["--server", server.url, "--rate", "max", "--flight", flight]
+    assert main(["push", str(file), *options]) == 1
+    assert "names of a recording" in capsys.readouterr().err
 
 
 class Watched:
@@ -254,7 +250,7 @@ def test_a_file_is_read_by_the_channels_of_the_monitor_or_of_the_flight(
         assert arrived == pytest.approx(y[:, i].tolist(), abs=1e-6)
     body = {"monitor": sent.json()["id"], "source": {"kind": "live"}}
     flight = httpx2.post(f"{server.url}/api/v1/flights", json=body, timeout=180).json()["id"]
-    code, result = pushed(capsys, file, "--flight", flight, *options, "--rest")
+    code, result = pushed(capsys, file, "--flight", flight, *options)
     assert (code, result["durable"]) == (0, len(y))
 
 
@@ -353,36 +349,6 @@ def test_a_condition_is_sent_by_the_name_that_the_flight_expects(
     code, _ = pushed(capsys, recorded, "--flight", flight, "--server", server.url, "--rate", "max")
     assert code == 0
     assert set(journal_samples(server.root, flight, "air/M")) == {0.9}
-
-
-def test_own_names_need_no_attitude(server: LiveServer, tmp_path: Path, capsys):
-    body = {"monitor": server.monitor_id, "source": {"kind": "live"}}
-    flight = httpx2.post(f"{server.url}/api/v1/flights", json=body, timeout=180).json()["id"]
-    path = tmp_path / "si.csv"
-    path.write_text(table(flown(), DT).replace("t_s,beta_deg,p_degps", "t,beta,p"))
-    rows = [row.split(",") for row in path.read_text().splitlines()]
-    head = ",".join(["t", *KEYS])
-    path.write_text("\n".join([head, *(",".join([r[0], *["0.01"] * 6]) for r in rows[1:])]))
-    options = ["--flight", flight, "--server", server.url, "--rate", "max", "--as-is"]
-    assert main(["push", str(path), *options]) == 0
-    assert "phi, theta, psi" in capsys.readouterr().err
-
-
-def test_numbers_in_other_units_than_the_flight_reads_are_not_sent_as_they_are(
-    server: LiveServer, tmp_path: Path, capsys
-):
-    import h5py
-
-    path = tmp_path / "flight.h5"
-    with h5py.File(path, "w") as written:
-        for key, unit in {"t": "s", **dict.fromkeys(KEYS, "deg")}.items():
-            written[key] = 0.1 * np.arange(50.0)
-            written[key].attrs["units"] = unit
-    body = {"monitor": server.monitor_id, "source": {"kind": "live"}}
-    flight = httpx2.post(f"{server.url}/api/v1/flights", json=body, timeout=180).json()["id"]
-    options = ["--flight", flight, "--server", server.url, "--rate", "max", "--as-is"]
-    assert main(["push", str(path), *options]) == 1
-    assert "leave out --as-is" in capsys.readouterr().err
 
 
 def test_the_number_of_a_configuration_is_held_not_interpolated(tmp_path: Path):

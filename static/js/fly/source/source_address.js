@@ -29,7 +29,7 @@ export function createSourceAddress(element, flight) {
     element.replaceChildren(
       title,
       h("p", { class: "dim" }, words),
-      h("div", { class: "source-parts" }, h("section", {}, ...addresses(flight, live), ...commands(flight, live)), channelTable(channels, live, source)),
+      h("div", { class: "source-parts" }, h("section", {}, ...addresses(flight, live), ...commands(flight, live, source)), channelTable(channels, live, source)),
     );
   }
 
@@ -74,15 +74,16 @@ function addresses(flight, { udp }) {
   ];
 }
 
-function commands(flight, live) {
+function commands(flight, live, { recording }) {
   const [header, option] = asksForToken() ? [` -H "Authorization: Bearer $TOKEN"`, ` --token "$TOKEN"`] : ["", ""];
   const [time, ...names] = live.names;
   const sent = names.filter((name) => live.needed.includes(name) || !ATTITUDE.includes(name));
   const conditions = live.conditions.map(({ name }) => name);
   const batch = Object.fromEntries([["sequence", 0], [time, 0], ...[...sent, ...conditions].map((name) => [name, 0])]);
   const curl = `curl ${location.origin}/api/v1/flights/${flight}/samples${header} -d '${JSON.stringify(batch)}'`;
+  const push = `forewarn push FILE --flight ${flight} --server ${location.origin}${option}`;
   return [
-    copied("Command, for a recording at its own pace", `forewarn push FILE --flight ${flight} --server ${location.origin}${option}`),
+    ...(recording === undefined ? [copied("Command, for a recording at its own pace", push)] : []),
     copied("Command, for one sample", curl),
   ];
 }
