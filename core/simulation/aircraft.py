@@ -4,7 +4,7 @@ import re
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from math import cos, inf, sin, tan
-from typing import Any, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 
 import numpy as np
 
@@ -23,9 +23,12 @@ from core.simulation.published import (
 from core.simulation.uncertain_plant import Effect, Plants, UncertainPlant, Uncertainty
 from core.types import Array
 
+if TYPE_CHECKING:
+    from control import InputOutputSystem
+
 Rows = tuple[tuple[float, ...], ...]
 
-MEASURED = KEYS[:4]
+MEASURED, SURFACES = KEYS[:4], KEYS[4:]
 NY = KEYS.index("Ny")
 
 OWN_MODEL_TEST = UsualTest("none", doublet_deg=5.4, limit_g=0.5)
@@ -238,6 +241,35 @@ class MatrixAircraft(Aircraft):
             **{name: fields[name] for name in condition & fields.keys()},
         )
 
+    @classmethod
+    def from_statespace(cls, system: "InputOutputSystem", uncertainty: Uncertainty) -> Self:
+        """From python-control: continuous time, inputs delta_a, delta_r, outputs beta, p, r, Ny.
+
+        Signals labelled as in core.channels are found by label; other outputs are ignored.
+        Unlabelled ones (u[0], y[0], ...) are taken in that order, with or without the surfaces.
+        """
+        from control import StateSpace
+
+        if not isinstance(system, StateSpace):
+            raise ValueError(
+                f"a {type(system).__name__} was given; convert it with control.ss first"
+            )
+        if not system.isctime():
+            raise ValueError(
+                f"the model is sampled every {system.dt} s; give it in continuous time"
+            )
+        inputs = _signals("inputs", system.input_labels, "u", (SURFACES,))
+        outputs = _signals("outputs", system.output_labels, "y", (KEYS, MEASURED))
+        a, b, c, d = (np.asarray(matrix) for matrix in (system.A, system.B, system.C, system.D))
+        return cls(
+            _rows("A", a),
+            _rows("B", b[:, inputs]),
+            _rows("C", c[outputs]),
+            _rows("D", d[np.ix_(outputs, inputs)]),
+            uncertainty,
+            tuple(system.state_labels),
+        )
+
     @property
     def description(self) -> str:
         """Its name in lists, and its size."""
@@ -337,6 +369,22 @@ def _rows(name: str, matrix: Any) -> Rows:
         row, column = np.argwhere(~np.isfinite(array))[0]
         raise ValueError(f"{name}[{row},{column}] is {array[row, column]}; give a finite number")
     return tuple(tuple(float(number) for number in array[i]) for i in range(len(array)))
+
+
+def _signals(
+    kind: str, labels: list[str], default: str, choices: tuple[tuple[str, ...], ...]
+) -> list[int]:
+    """Positions of the first complete set of signals: by label, or unlabelled in order."""
+    unlabelled = labels == [f"{default}[{i}]" for i in range(len(labels))]
+    for keys in choices:
+        if set(keys) <= set(labels):
+            return [labels.index(key) for key in keys]
+        if unlabelled and len(labels) == len(keys):
+            return list(range(len(keys)))
+    raise ValueError(
+        f"the model's {kind} are {', '.join(labels)}; label them {', '.join(choices[-1])}, or give "
+        "them unlabelled in that order"
+    )
 
 
 def _by(shape: tuple[int, ...]) -> str:

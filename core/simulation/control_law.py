@@ -7,14 +7,18 @@ y = (beta, p, r, Ny, delta_a, delta_r, phi), in rad, rad/s and g.
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from math import exp, isfinite
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
+import numpy.typing as npt
 
 from core.channels import KEYS
 from core.recipe import family
 from core.simulation.uncertain_plant import Plants, UncertainPlant
 from core.types import Array
+
+if TYPE_CHECKING:
+    from control import InputOutputSystem
 
 Rows = tuple[tuple[float, ...], ...]
 
@@ -225,6 +229,47 @@ class StateSpaceLaw(ControlLaw):
         full.d[np.ix_(rows, columns)] = d
         return _checked(full, plant)
 
+    @classmethod
+    def from_lti(
+        cls,
+        system: "InputOutputSystem",
+        *,
+        inputs: tuple[str, ...] | None = None,
+        outputs: tuple[str, ...] | None = None,
+        actuator: Actuator = Actuator(),
+    ) -> Self:
+        """From a python-control transfer function or state space, continuous in time.
+
+        inputs, outputs: signal names, the system's own labels if not given. A transfer matrix is
+        realised entry by entry. ValueError for discrete time and improper transfer functions.
+        """
+        from control import StateSpace, TransferFunction
+
+        if not isinstance(system, StateSpace | TransferFunction):
+            raise ValueError(
+                f"the control law is a {type(system).__name__}; give a continuous-time "
+                "python-control transfer function (tf) or state space (ss)"
+            )
+        if system.isdtime(strict=True):
+            raise ValueError(
+                f"the control law is discrete in time (dt={system.dt}); convert it to "
+                "continuous time, for example by its bilinear inverse"
+            )
+        a, b, c, d = (
+            (system.A, system.B, system.C, system.D)
+            if isinstance(system, StateSpace)
+            else _realise(system)
+        )
+        return cls(
+            actuator=actuator,
+            inputs=tuple(system.input_labels if inputs is None else inputs),
+            outputs=tuple(system.output_labels if outputs is None else outputs),
+            a=_rows(a),
+            b=_rows(b),
+            c=_rows(c),
+            d=_rows(d),
+        )
+
 
 def _check_names(kind: str, names: tuple[str, ...], known: tuple[str, ...]) -> None:
     if not names or len(set(names)) < len(names) or not set(names) <= set(known):
@@ -232,6 +277,43 @@ def _check_names(kind: str, names: tuple[str, ...], known: tuple[str, ...]) -> N
             f"the control law's {kind}s are {', '.join(names) or 'none'}; name each {kind} once, "
             f"from {', '.join(known)}"
         )
+
+
+def _rows(matrix: npt.ArrayLike) -> Rows:
+    return tuple(tuple(float(x) for x in row) for row in np.asarray(matrix))
+
+
+def _realise(system: Any) -> tuple[Array, Array, Array, Array]:
+    """State space of a transfer matrix, realised entry by entry."""
+    from scipy.linalg import block_diag
+    from scipy.signal import tf2ss
+
+    n_out, n_in = system.noutputs, system.ninputs
+    blocks, columns, rows = [], [], []
+    d = np.zeros((n_out, n_in))
+    for i in range(n_out):
+        for j in range(n_in):
+            numerator = np.trim_zeros(np.atleast_1d(system.num[i][j]), "f")
+            denominator = np.trim_zeros(np.atleast_1d(system.den[i][j]), "f")
+            if len(numerator) > len(denominator):
+                raise ValueError(
+                    f"the control law from {system.input_labels[j]} to {system.output_labels[i]} "
+                    f"is improper (order {len(numerator) - 1} over {len(denominator) - 1}); add "
+                    "poles until the denominator's order is at least the numerator's"
+                )
+            if len(numerator) == 0:
+                continue
+            if len(denominator) == 1:
+                d[i, j] = numerator[0] / denominator[0]
+                continue
+            entry_a, entry_b, entry_c, entry_d = tf2ss(numerator, denominator)
+            blocks.append(entry_a)
+            columns.append(entry_b * np.eye(n_in)[j])
+            rows.append(np.eye(n_out)[:, i : i + 1] * entry_c)
+            d[i, j] = entry_d[0, 0]
+    a = np.asarray(block_diag(np.zeros((0, 0)), *blocks))
+    b = np.concatenate([np.zeros((0, n_in)), *columns])
+    return a, b, np.concatenate([np.zeros((n_out, 0)), *rows], axis=1), d
 
 
 def measured_rows(plants: Plants) -> Array:

@@ -5,12 +5,14 @@ import sys
 from dataclasses import replace
 from typing import Any, Literal, get_args
 
+import control
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
+from core.channels import KEYS
 from core.simulation.aircraft import AIRCRAFT, MatrixAircraft, PublishedAircraft, Uncertainty
 from core.simulation.published import DERIVATIVES, MODELS, SIGMA_FRACTION, ModelName
 from tests.support.places import SHARED
@@ -287,6 +289,50 @@ def test_an_own_zero_varies_by_an_absolute_spread():
     uncertainty = {"spread": {"C[3,1]": 0.2}, "unit": "absolute"}
     plant = matrices(uncertainty=uncertainty).uncertain_plant()
     assert plant.spread.tolist() == [0.2]
+
+
+def test_labelled_signals_of_a_statespace_may_be_in_any_order():
+    extra = np.vstack((np.ones((1, 3)), C))[::-1]
+    system = control.ss(
+        A, np.flip(B, axis=1), extra, np.flip(np.vstack((np.ones((1, 2)), D)), axis=(0, 1)),
+        inputs=["delta_r", "delta_a"], outputs=["Ny", "r", "p", "beta", "alpha"],
+        states=["beta", "p", "r"],
+    )  # fmt: skip
+    assert MatrixAircraft.from_statespace(system, KNOWN) == MatrixAircraft(
+        A, B, C, D, KNOWN, ("beta", "p", "r")
+    )
+
+
+@pytest.mark.parametrize("n_outputs", [4, 6])
+def test_unlabelled_signals_of_a_statespace_are_taken_in_order(n_outputs):
+    c = np.vstack((C, np.zeros((2, 3))))[:n_outputs]
+    d = np.vstack((D, np.eye(2)))[:n_outputs]
+    made = MatrixAircraft.from_statespace(control.ss(A, B, c, d), KNOWN)
+    for got, wanted in zip(
+        made.uncertain_plant().nominal_plant(),
+        matrices().uncertain_plant().nominal_plant(),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(got, wanted)
+
+
+@pytest.mark.parametrize(
+    ("system", "message"),
+    [
+        (control.ss(A, B, C, D, dt=0.05), "sampled every 0.05 s"),
+        (control.tf([1], [1, 1]), "TransferFunction was given"),
+        (
+            # Actuators inside the model: its surfaces are states, not the commands.
+            control.ss(A, B, [*C, *A[:2]], [*D, (0, 0), (0, 0)], outputs=list(KEYS)),
+            "not delta_a and delta_r themselves",
+        ),
+        (control.ss(A, B, C, D, inputs=["aileron", "rudder"]), "label them delta_a, delta_r"),
+        (control.ss(A, B, C[:3], D[:3]), "outputs are .* label them beta, p, r, Ny"),
+    ],
+)
+def test_an_unfitting_statespace_is_refused(system, message):
+    with pytest.raises(ValueError, match=message):
+        MatrixAircraft.from_statespace(system, KNOWN)
 
 
 @pytest.mark.parametrize(

@@ -172,6 +172,65 @@ def test_unstable_closed_loop_is_refused_with_its_pole():
     check_usable(F16_4, controller, law.actuator, 0.5)
 
 
+def systems():
+    """Laws from python-control, with their expected values at s."""
+    lead = control.tf([2.0, 1.0], [1.0, 5.0], inputs=["r"], outputs=["delta_r"])
+    constant = control.tf([0.3], [1.0], inputs=["Ny"], outputs=["delta_r"])
+    matrix = control.tf(
+        [[[0.5, 0.0], [0.1]], [[0.0], [3.0]]],
+        [[[1.0, 1.0], [1.0, 2.0, 4.0]], [[1.0], [1.0, 7.0]]],
+        inputs=["phi", "beta"],
+        outputs=["delta_r", "delta_a"],
+    )
+    space = control.ss(
+        [[-1.0, 2.0], [0.0, -3.0]], [[1.0], [0.5]], [[1.0, 0.0], [0.0, 2.0]], [[0.1], [0.0]],
+        inputs=["delta_a"], outputs=["delta_a", "delta_r"],
+    )  # fmt: skip
+    return [lead, constant, matrix, space]
+
+
+@pytest.mark.parametrize("system", systems())
+def test_law_from_python_control_keeps_its_frequency_response(system):
+    law = StateSpaceLaw.from_lti(system, actuator=Actuator(15.0))
+    s = 0.4 + 1.7j
+    expected = np.zeros((2, 7), complex)
+    value = np.atleast_2d(system(s))
+    for i, output in enumerate(system.output_labels):
+        for j, fed_back in enumerate(system.input_labels):
+            expected[FEEDBACK.index(output) - 4, FEEDBACK.index(fed_back)] = value[i, j]
+    np.testing.assert_allclose(response(law.controller(F16_4), s), expected, atol=1e-13)
+    assert law.actuator == Actuator(15.0)
+    assert hash(law) == hash(replace(law))
+
+
+def test_labels_of_a_law_may_be_given_separately():
+    law = StateSpaceLaw.from_lti(control.tf([1.0], [1.0, 1.0]), inputs=("p",), outputs=("delta_a",))
+    assert response(law.controller(F16_3), 1j)[0, FEEDBACK.index("p")] == pytest.approx(
+        1 / (1 + 1j)
+    )
+
+
+@pytest.mark.parametrize(
+    ("system", "message"),
+    [
+        (
+            control.tf([1.0], [1.0, 0.5], 0.05, inputs=["r"], outputs=["delta_r"]),
+            r"discrete in time \(dt=0.05\); convert",
+        ),
+        (
+            control.tf([1.0, 0.0, 0.0], [1.0, 1.0], inputs=["r"], outputs=["delta_r"]),
+            r"from r to delta_r is improper \(order 2 over 1\); add poles",
+        ),
+        (control.tf([1.0], [1.0, 1.0]), r"inputs are u\[0\]; name each input once, from beta"),
+        (control.tf([1.0], [1.0, 1.0], inputs=["r"]), r"outputs are y\[0\]; name each output"),
+        (control.frd([1.0, 2.0], [1.0, 2.0]), "is a FrequencyResponseData; give a continuous"),
+    ],
+)
+def test_impossible_laws_are_refused(system, message):
+    with pytest.raises(ValueError, match=message):
+        StateSpaceLaw.from_lti(system)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
