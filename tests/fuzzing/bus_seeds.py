@@ -137,8 +137,6 @@ def mcap(path: Path, compression: Any) -> None:
 
 BUSES: dict[str, Callable[[Path], object]] = {
     "autopilot.ulg": ulog,
-    "old.mdf": lambda path: mdf(path, "3.30"),
-    "oldest.mdf": lambda path: mdf(path, "2.14"),
     "new.mf4": lambda path: mdf(path, "4.10"),
     "deflated.mf4": lambda path: mdf(path, "4.11", 2),
     "waveforms.tdms": tdms,

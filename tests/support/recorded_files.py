@@ -197,7 +197,6 @@ FILES: dict[str, tuple[str, str, Callable[[Path], None]]] = {
     "tdms": ("tdms", ".tdms", tdms),
     "mcap": ("mcap", ".mcap", mcap),
     "ulog": ("ulog", ".ulg", ulog),
-    "mdf 3": ("mdf", ".mdf", lambda path: mdf(path, "3.30")),
     "mdf 4": ("mdf", ".mf4", lambda path: mdf(path, "4.10")),
     "mdf 4 deflated": ("mdf", ".mf4", lambda path: mdf(path, "4.11", 2)),
     "ch10": ("ch10", ".ch10", ch10),

@@ -1,4 +1,4 @@
-"""Read ASAM MDF 3 and 4: a group is a channel group with its master.
+"""Read ASAM MDF 4: a group is a channel group with its master.
 
 The library would evaluate a conversion formula as a program, so formulas are never used. It follows
 pointers between blocks blindly: if they form a circle, the limits of the process end it.
@@ -22,6 +22,7 @@ from app.telemetry.readers.signal_tables import (
     library_errors,
     write_tables,
 )
+from app.telemetry.recording import TelemetryError
 from core.types import Flags
 
 TITLE = "MDF"
@@ -29,13 +30,11 @@ OPTIONS: dict[str, Any] = {"process_bus_logging": False, "use_display_names": Fa
 FINISHED = b"MDF"
 FRAGMENT = 8 << 20
 """Size of the records that are read at once [bytes]."""
-NUMERIC_4 = frozenset(range(6))
-"""Data types of MDF 4: integers and floating-point numbers of either byte order."""
-NOT_NUMERIC_3 = frozenset((7, 8))
-SAFE_4 = frozenset((0, 1, 2, 4, 5, 6))
-"""Conversions of MDF 4: none, linear, rational, and numeric tables."""
-SAFE_3 = frozenset((65535, 0, 1, 2, 6, 7, 8, 9))
-FORMULA_4, FORMULA_3 = 3, 10
+NUMERIC = frozenset(range(6))
+"""Data types: integers and floating-point numbers of either byte order."""
+SAFE = frozenset((0, 1, 2, 4, 5, 6))
+"""Conversions: none, linear, rational, and numeric tables."""
+FORMULA = 3
 MASTER_TYPES = (2, 3)
 TIME_SYNC = 1
 VIRTUAL_TYPES = (3, 6)
@@ -74,6 +73,8 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
                 **OPTIONS,
             ) as mdf,
         ):
+            if mdf.version < "4":
+                raise TelemetryError(f"it has MDF version {mdf.version}: convert it to MDF 4")
             mdf.configure(read_fragment_size=FRAGMENT)
             ignored: list[str] = []
             write_tables(list(_sources(mdf, ignored)), writer, ignored)
@@ -85,22 +86,21 @@ def _sources(mdf: Any, ignored: list[str]) -> Iterator[SignalTable]:
     """The channel groups; groups that share a master share a clock."""
     names = _group_names(mdf)
     count = Counter(c.name for group in mdf.groups for c in group.channels)
-    newer = mdf.version >= "4"
     for number, group in enumerate(mdf.groups):
         chosen = []
         for index, raw in enumerate(group.channels):
             name = raw.name if count[raw.name] == 1 else f"{names[number]}/{raw.name}"
             composed = bool(group.channel_dependencies[index])
-            result = _channel(index, raw, group.channel_group, name, composed, newer)
+            result = _channel(index, raw, group.channel_group, name, composed)
             if isinstance(result, MdfChannel):
                 chosen.append(result)
             else:
                 ignored.append(result)
-        master = mdf.virtual_groups_map.get(number, number) if newer else number
+        master = mdf.virtual_groups_map.get(number, number)
         n_rows = group.channel_group.cycles_nr
         if not chosen:
             continue
-        if newer and n_rows:
+        if n_rows:
             _check_record(group)
         pieces = partial(_pieces, mdf, number, chosen, n_rows)
         columns = tuple(channel.column for channel in chosen)
@@ -147,41 +147,33 @@ def _group_names(mdf: Any) -> list[str]:
     return [n if count[n] == 1 else f"{n} {number}" for number, n in enumerate(named)]
 
 
-def _channel(
-    index: int, channel: Any, group: Any, name: str, composed: bool, newer: bool
-) -> MdfChannel | str:
+def _channel(index: int, channel: Any, group: Any, name: str, composed: bool) -> MdfChannel | str:
     """A channel to read, or the reason why it is not a signal.
 
-    group: its channel group.   composed: made of other channels.   newer: MDF 4.
+    group: its channel group.   composed: made of other channels.
     """
     if composed:
         return f"{name}: made of other channels, which are read separately"
-    kind = channel.data_type
-    if (kind not in NUMERIC_4) if newer else (kind in NOT_NUMERIC_3):
+    if channel.data_type not in NUMERIC:
         return f"{name}: text or bytes"
-    if _lies_outside(channel, group, newer):
+    if _lies_outside(channel, group):
         return f"{name}: lies outside the records of its group"
-    if newer and channel.channel_type == 1:
+    if channel.channel_type == 1:
         return f"{name}: values of different lengths"
     conversion = channel.conversion
     rule = conversion.conversion_type if conversion else 0
-    if rule == (FORMULA_4 if newer else FORMULA_3):
+    if rule == FORMULA:
         return f"{name}: converted by a formula, which is not evaluated"
-    if newer and any(
+    if any(
         hasattr(other, "conversion_type")
         for other in (getattr(conversion, "referenced_blocks", None) or {}).values()
     ):
         return f"{name}: converted by one of several rules"
     unit = channel.unit or getattr(conversion, "unit", "") or ""
-    time = (
-        channel.channel_type in MASTER_TYPES and channel.sync_type == TIME_SYNC
-        if newer
-        else (channel.channel_type == 1)
-    )
-    safe = rule in (SAFE_4 if newer else SAFE_3)
+    time = channel.channel_type in MASTER_TYPES and channel.sync_type == TIME_SYNC
     comment = "" if _is_xml(channel.comment) else str(channel.comment or "")
     column = Column(name, str(unit).strip() or ("s" if time else ""), comment[:200], time)
-    return MdfChannel(index, column, conversion if safe else None)
+    return MdfChannel(index, column, conversion if rule in SAFE else None)
 
 
 def _is_xml(comment: Any) -> bool:
@@ -189,11 +181,8 @@ def _is_xml(comment: Any) -> bool:
     return str(comment).startswith("<")
 
 
-def _lies_outside(channel: Any, group: Any, newer: bool) -> bool:
+def _lies_outside(channel: Any, group: Any) -> bool:
     """Whether some of its bits are outside the records, which would crash the library."""
-    if not newer:
-        more = 8 * getattr(channel, "additional_byte_offset", 0)
-        return channel.start_offset + more + channel.bit_count > 8 * group.samples_byte_nr
     if channel.channel_type in VIRTUAL_TYPES:
         return False
     if channel.flags & INVALIDATION and (

@@ -42,7 +42,7 @@ def reasons(columns):
     return dict(text.split(": ", 1) for text in columns.contents.ignored)
 
 
-@pytest.mark.parametrize("version", ["3.30", "4.10", "4.20"])
+@pytest.mark.parametrize("version", ["4.10", "4.20"])
 def test_conversions_give_physical_values_and_text_tables_are_skipped(version, saved):
     counts = np.arange(300, dtype="i2")
     states = {"val_0": 0, "val_1": 1, "text_0": b"off", "text_1": b"on"}
@@ -64,13 +64,15 @@ def test_conversions_give_physical_values_and_text_tables_are_skipped(version, s
     assert columns.signal("rudder").unit == "deg"
 
 
-@pytest.mark.parametrize("version", ["3.30", "4.10"])
-def test_a_formula_in_a_file_is_never_evaluated(version, saved, monkeypatch):
+def test_a_file_of_version_3_is_refused_by_name(saved):
+    with pytest.raises(TelemetryError, match=r"MDF version 3\.30: convert it to MDF 4"):
+        read("mdf", saved([signal("p", T)], version="3.30"))
+
+
+def test_a_formula_in_a_file_is_never_evaluated(saved, monkeypatch):
     evaluated = []
-    for blocks in ("v4_blocks", "v2_v3_blocks"):
-        monkeypatch.setattr(f"asammdf.blocks.{blocks}.evaluate", evaluated.append)
-    formula = {"formula": "X1*2" if version < "4" else "X*2"}
-    path = saved([signal("p", T), signal("evil", T, conversion=formula)], version=version)
+    monkeypatch.setattr("asammdf.blocks.v4_blocks.evaluate", evaluated.append)
+    path = saved([signal("p", T), signal("evil", T, conversion={"formula": "X*2"})])
     columns = read("mdf", path)
     assert reasons(columns) == {"evil": "converted by a formula, which is not evaluated"}
     assert not evaluated
