@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from app.telemetry.contents import MOST_SIGNALS, ColumnWriter, Contents
+from app.telemetry.contents import ColumnWriter, Contents
 from app.telemetry.readers.signal_tables import (
     BLOCK,
     Column,
@@ -31,7 +31,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
             log = ULog(file)
         ignored: list[str] = []
         tables = [_topic(data, log.data_list, ignored) for data in log.data_list]
-        write_tables(_smallest(tables, ignored), writer, ignored)
+        write_tables(tables, writer, ignored)
         return writer.finish("ulog", ignored=ignored, notes=_notes(log))
 
 
@@ -76,18 +76,6 @@ def _topic(data: Any, every: list[Any], ignored: list[str]) -> SignalTable:
     )
     n_rows = len(next(iter(data.data.values())))
     return SignalTable((group,), columns, n_rows, partial(_pieces, data.data, names))
-
-
-def _smallest(tables: list[SignalTable], ignored: list[str]) -> list[SignalTable]:
-    """The topics with the fewest fields, if the file has too many."""
-    chosen, n_signals = [], 0
-    for table in sorted(tables, key=lambda table: len(table.columns)):
-        n_signals += len(table.columns)
-        if n_signals <= MOST_SIGNALS:
-            chosen.append(table)
-        else:
-            ignored.append(f"{table.within[0]}: the file has too many fields")
-    return [table for table in tables if table in chosen]
 
 
 def _pieces(fields: Mapping[str, Any], names: list[str]) -> Pieces:

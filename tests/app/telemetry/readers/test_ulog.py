@@ -102,16 +102,3 @@ def test_damaged_parts_are_dropped_with_a_note(logged):
 def test_a_message_of_itself_is_refused(logged):
     with pytest.raises(TelemetryError, match="ULog file is damaged"):
         logged(["a:uint64_t timestamp;b x;", "b:a y;"], subscribed(0, "a"))
-
-
-def test_with_too_many_fields_the_small_topics_are_read(logged, monkeypatch):
-    monkeypatch.setattr("app.telemetry.readers.ulog.MOST_SIGNALS", 5)
-    columns = logged(
-        ["large:uint64_t timestamp;float[4] x;", "air:uint64_t timestamp;float beta;"],
-        subscribed(0, "large"),
-        subscribed(1, "air"),
-        *(data(0, "Q4f", k, 1, 2, 3, 4) for k in range(3)),
-        *(data(1, "Qf", k, k) for k in range(3)),
-    )
-    assert [group.name for group in columns.contents.groups] == ["air"]
-    assert columns.contents.ignored == ("large: the file has too many fields",)
