@@ -16,7 +16,6 @@ from app.assessment.recorded import on_grid
 from app.assessment.trim import BEGINNING, SHARE, CausalTrim
 from app.recipes.labels import kind_label
 from app.recordings.recordings import Recordings
-from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.mapping.mapping import Mapping
 from app.telemetry.recording import Recording
 from app.telemetry.timing.repair import RepairedTraces
@@ -132,7 +131,7 @@ def training_proposal(
     reasons.append(words)
     if monitor is not None:
         recipe["t_early"] = monitor.lead
-    method, words = _without(missing, recorded, limits or {})
+    method, words = _without(missing, limits or {})
     recipe |= method
     reasons += words
     return {
@@ -283,9 +282,7 @@ def _limits(
     return limits, f"Limits: {source} ({words})."
 
 
-def _without(
-    missing: list[str], recorded: list[str], limits: dict[str, Any]
-) -> tuple[dict[str, Any], list[str]]:
+def _without(missing: list[str], limits: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
     """The method that works without missing channels, if there is one, and why.
 
     Only the newest output's magnitude leaves channels unread; limited channels are needed too.
@@ -312,10 +309,4 @@ def _without(
             "works without them. It does not forecast, so expect more false alarms. All other "
             "methods read all six channels."
         ]
-    words += [
-        f"{BY_KEY[way.target].symbol} can be derived from {' and '.join(way.needs)}, which is "
-        "recorded: choose that in the mapping."
-        for way in DERIVATIONS.values()
-        if way.target in missing and all(key in recorded for key in way.needs)
-    ]
     return method, words
