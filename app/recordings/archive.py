@@ -288,7 +288,7 @@ class ArchiveScorer:
         of_flight = ExportColumn(
             "flight", "", np.zeros(len(samples), np.int32), words=(file.flight,)
         )
-        of_samples = columns(samples, None, scored.monitor.dictionary, always_attitude=True)
+        of_samples = columns(samples, scored.monitor.dictionary, always_attitude=True)
         content = BytesIO()
         EXPORTS["parquet"].write([of_flight, *of_samples], about, content)
         self._request.out.write(path, content.getvalue())

@@ -8,17 +8,15 @@ column.
 import io
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 import numpy.typing as npt
 
-from app.assessment.limits_history import pieces_of
 from core.channels import LATERAL, Dictionary
 from core.monitor.assessment import STATES
-from core.types import Array
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -74,20 +72,17 @@ def export(
 
     about: plain data stored with them if the format allows it: hashes, epsilon, monitor.
     """
-    exported = columns(samples, about.get("limits_in_force"), dictionary)
-    EXPORTS[form].write(exported, about, file)
+    EXPORTS[form].write(columns(samples, dictionary), about, file)
 
 
 def columns(
     samples: npt.NDArray,
-    in_force: Sequence[Mapping[str, Any]] | None = None,
     dictionary: Dictionary = LATERAL,
     *,
     always_attitude: bool = False,
 ) -> list[ExportColumn]:
     """The columns of stored samples in order; attitude only if recorded, and no channel.
 
-    in_force: limits in force, see app.assessment.limits_history; columns per limited channel.
     always_attitude: also if it is not recorded.
     """
     measured, predicted = (
@@ -119,35 +114,7 @@ def columns(
         ExportColumn("withdrawn_p_value", "", samples["withdrawn"]),
         *predicted,
         *attitude,
-        *_limits(samples["t"], in_force or (), dictionary),
     ]
-
-
-def _limits(
-    t: Array, in_force: Sequence[Mapping[str, Any]], dictionary: Dictionary
-) -> list[ExportColumn]:
-    """The limits in force of each channel that had one, over time; NaN if none applied.
-
-    One column where the limit is the same for either sign throughout, else one for each end.
-    """
-    limit_columns = []
-    pieces = list(pieces_of(dictionary, None, in_force))
-    for c, channel in enumerate(dictionary.channels):
-        ends = np.full((2, len(t)), np.nan)
-        for piece in pieces:
-            of_piece = np.array([piece.limits.low[c], piece.limits.high[c]])
-            of_piece[~np.isfinite(of_piece)] = np.nan
-            ends[:, (t >= piece.start) & (t <= piece.end)] = of_piece[:, None]
-        low, high = ends
-        both = {f"limit_low_{channel.key}": low, f"limit_high_{channel.key}": high}
-        if np.array_equal(-low, high, equal_nan=True):
-            both = {f"limit_{channel.key}": high}
-        limit_columns += [
-            ExportColumn(name, channel.unit, values, channel.reference == "trim")
-            for name, values in both.items()
-            if np.isfinite(values).any()
-        ]
-    return limit_columns
 
 
 def _table(export_columns: list[ExportColumn], names: list[str], rows: slice) -> "pa.Table":

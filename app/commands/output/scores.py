@@ -134,8 +134,7 @@ def _files(file: str, scoring: Scored, with_png: bool) -> dict[str, Write]:
         monitor.lead,
         " ".join(["scored:", file, scoring.label]).strip(),
     )
-    notes = {"limits_in_force": scored.limits_in_force}
-    table = partial(export, scored.samples, notes, "csv", dictionary=monitor.dictionary)
+    table = partial(export, scored.samples, {}, "csv", dictionary=monitor.dictionary)
     files: dict[str, Write] = {"assessments.csv": table, "scored.svg": just(figure)}
     if with_png:
         files["scored.png"] = just(png(figure))

@@ -56,7 +56,6 @@ class Flown:
             self.alarms = client.get(f"{FLIGHTS}/{self.flight}/alarms").json()
             self.record = client.get(f"{FLIGHTS}/{self.flight}").json()
             self.report = client.get(f"{path}/report").text
-            self.csv = client.get(f"{path}/export").text
             self.replayed = self._replayed(place)
             self.monitor, self.journal = root / "monitor.fwm", root / "flown.jsonl"
             place.store.monitors.get(place.monitor).save(self.monitor)
@@ -153,12 +152,6 @@ def test_its_record_tells_the_limits_that_held_its_exceedances_and_its_lead(flow
     (told,) = flown.record["exceedances"]
     assert (told["channel"], told["n"], told["first_t"]) == ("Ny", 1, 90 * DT)
     assert flown.record["monitors"][0]["lead"] == pytest.approx(flown.scoring["lead"] - 1.5 * DT)
-
-
-def test_its_exports_say_the_limit_of_each_sample(flown: Flown) -> None:
-    head, *rows = [line.split(",") for line in flown.csv.splitlines()]
-    limits = [row[head.index("limit_Ny_from_trim_g")] for row in rows]
-    assert limits == [*["0.5"] * 80, *["0.4"] * 60, *[""] * 60]
 
 
 def test_a_replay_of_its_scoring_is_held_against_the_same(flown: Flown) -> None:
