@@ -1,4 +1,4 @@
-/** The recorded demonstration: a simulated flight that fails, replayed without a server's help, unless the live one flies. */
+/** The recorded demonstration: a simulated flight that fails, played without a server's help, unless the live one flies. */
 
 import { guarantee } from "../fly/alarms/alarm_panel.js";
 import { showLiveFlight } from "../fly/live_flight.js";
@@ -31,8 +31,7 @@ export function show(element, { api, navigate }) {
   function play(recording) {
     view.close();
     const story = createStory(recording, { again: () => play(recording), api });
-    flight = createRecordedFlight(recording, api, story.end);
-    flight.moved(story.moved);
+    flight = createRecordedFlight(recording, api, { moved: story.moved, ended: story.end });
     view = showLiveFlight(element, { id: recording.hello.flight, api: flight.api, over: () => {}, recorded: { Socket: flight.Socket, beside: story.element } });
   }
 

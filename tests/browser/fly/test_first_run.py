@@ -86,19 +86,6 @@ def test_a_recorded_alarm_is_acknowledged_and_the_recording_replayed(played: Pag
     expect(state).to_contain_text("ALARM")
 
 
-def test_the_recording_is_paused_and_sought(played: Page, fresh: Site):
-    played.goto(f"{fresh.http}/#/demonstration")
-    wait_until(played, f"{STEPS_DONE} > 0")
-    played.keyboard.press("Space")
-    expect(played.get_by_role("button", name="Play")).to_be_visible()
-    expect(played.locator('.status-item[data-item="state"]')).to_contain_text("PAUSED")
-    played.keyboard.press("n")
-    played.keyboard.press("n")
-    expect(played.locator(".transport-time")).to_have_text("1.70 / 6.00 s")
-    played.keyboard.press("0")
-    expect(played.locator(".transport-time")).to_have_text("0.00 / 6.00 s")
-
-
 def test_the_progress_of_the_live_demonstration_is_shown_until_it_can_be_watched(
     played: Page, fresh: Site, allowed_errors: list[str]
 ):
