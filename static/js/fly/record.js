@@ -19,7 +19,6 @@ import { withLimits } from "../lib/limits.js";
 import { startFlight, warningLines } from "../lib/monitors.js";
 import { counted, magnitudeIn, quantity } from "../lib/numbers.js";
 import { markerNote, markerText } from "./alarms/flight_markers.js";
-import { summaryLines } from "./assessment/risk_ahead.js";
 import { putLines } from "./flight_limits.js";
 import { alertLevel, usedEvents } from "./flight_monitors.js";
 import { LEVEL_OF, resultOf } from "./headline.js";
@@ -149,7 +148,6 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
       panels.strips.replaceChildren(state("empty", "Nothing was recorded", `The flight ended before its first sample${flight.live?.batches === 0 && flight.live.malformed > 0 ? ": every message of its source was refused" : ""}.`));
       return;
     }
-    panels.notice.append(...summaryLines(flight.monitors, longest));
     if (flight.monitors.length > 1) panels.strips.before(createComparison(api, path));
     draw({ lead: flight.monitors[0].lead, dt: monitor.dt }, longest, passes, held);
     const limitsPut = ({ name, version, t, by }) => ({

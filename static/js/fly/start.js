@@ -6,10 +6,9 @@
  */
 
 import { createForm, fold, labelled, numberInput, radioGroup, select } from "../forms/controls.js";
-import { asksForToken, may, needs } from "../lib/api.js";
+import { asksForToken, may } from "../lib/api.js";
 import { isSimulated } from "../lib/catalog.js";
-import { demonstration } from "../lib/demonstration.js";
-import { button, chip, errorLine, h, link, loadingView, put, state } from "../lib/dom.js";
+import { chip, empty, h, link, loadingView, put } from "../lib/dom.js";
 import { jobList } from "../lib/job_progress.js";
 import { createLongList } from "../lib/long_list.js";
 import { createDisplayChoice, fittingMonitor, startFlight, warningLines, warningMark, warningsAt, warningWords } from "../lib/monitors.js";
@@ -37,28 +36,16 @@ export function showFlightStart(element, { query, api, navigate }) {
     keep(watching(list.element, { flights_in_progress: list.loadRunning, flights: list.load }));
     keep(list);
     const training = monitors.length === 0 ? keep(await jobList({ api, kind: "monitor", done: again })) : null;
-    const start = training
-      ? noMonitor(training.element, { api, again })
-      : startForm({ monitors, sets, datasets, recordings, query, api, navigate });
+    const start = training ? noMonitor(training.element) : startForm({ monitors, sets, datasets, recordings, query, api, navigate });
     return h("div.page", h("div.columns.start-columns", start, list.element));
   }
 }
 
 /** The monitor in training, or how to get one; failed trainings below. */
-function noMonitor(training, { api, again }) {
+function noMonitor(training) {
   if (training?.querySelector(".job")) return training;
-  const failure = errorLine();
-  const small = button("Train a small one now", prepare, { class: "button button-primary", ...needs("POST /demonstration") });
-  const own = link("Train your own", "#/monitors/new");
-  const none = state("empty", "No monitor yet", "A monitor assesses each flight. Train the small one of the demonstration, or one for your aircraft.", small, own, link("Watch a recording", "#/demonstration"));
-  return h("div", { class: "stack" }, h("h1", { class: "visually-hidden" }, "Fly"), none, failure.element, training);
-
-  async function prepare() {
-    small.disabled = true;
-    const train = () => demonstration.start(api).then(demonstration.ended);
-    if (await failure.attempt(train)) again();
-    small.disabled = false;
-  }
+  const none = empty("No monitor yet", "A monitor assesses each flight. Train one for your aircraft, or watch a recorded flight.", link("Train a monitor", "#/monitors/new", true), link("Watch a recording", "#/demonstration"));
+  return h("div.stack", h("h1.visually-hidden", "Fly"), none, training);
 }
 
 function createFlightList(api, monitors) {

@@ -1,15 +1,34 @@
 /**
  * Flight conditions of a set, each with what holds there.
  *
- * createConditions(catalog, cases, contentOf) -> {elements, editors, check() -> bool, read() -> [case]}
+ * createCaseForm({catalog, word, route, heading, hint, nameless, cases, contentOf, send}) -> form
+ *     word: of the button.   nameless: words where no name is given; null for a set that has one
  *     cases: to begin with.   contentOf(case) -> {elements, check() -> bool, read()}     what holds there, as part of the case
+ *     send({name, text, cases}) -> Promise
  * conditionColumns(catalog)    columns of a table of cases
  */
 
 import { button, h } from "../lib/dom.js";
-import { group, labelled, sharedField, textInput } from "./controls.js";
+import { createForm, group, labelled, sharedField, textInput } from "./controls.js";
 
-export function createConditions(catalog, cases, contentOf) {
+export function createCaseForm({ catalog, word, route, heading, hint, nameless, cases, contentOf, send }) {
+  const name = textInput({ maxlength: 200, required: true });
+  const why = textInput({ maxlength: 2000 });
+  const named = labelled("Name", name);
+  const isNamed = nameless === null;
+  const conditions = createConditions(catalog, cases, contentOf);
+  return createForm({
+    title: word,
+    word,
+    route,
+    classes: "panel form",
+    fields: [group(isNamed ? {} : { name: named }, () => [[named, isNamed || name.value.trim() ? "" : nameless]]), conditions],
+    content: [h("h2", heading), h("p.hint", hint), !isNamed && named.element, conditions.elements, labelled("Reason", why).element],
+    send: () => send({ ...(!isNamed && { name: name.value.trim() }), ...(why.value.trim() && { text: why.value.trim() }), cases: conditions.read() }),
+  }).element;
+}
+
+function createConditions(catalog, cases, contentOf) {
   const holder = h("div.stack");
   let shown = [];
   cases.forEach(add);

@@ -1,11 +1,11 @@
 /** Limit sets: #/limits lists them and creates one; #/limits/{id} shows its versions and adds the next. */
 
-import { conditionColumns } from "../forms/conditions.js";
+import { conditionColumns, createCaseForm } from "../forms/conditions.js";
+import { createFields } from "../forms/form.js";
 import { needs } from "../lib/api.js";
 import { limitWords, loadCatalog } from "../lib/catalog.js";
 import { button, empty, formatted, guideLink, h, link, loadingView, pageOf, panel, table } from "../lib/dom.js";
 import { moment } from "../lib/numbers.js";
-import { createLimitForm } from "./form.js";
 
 const COLUMNS = [
   ["Name", ({ id, name }) => h("a", { href: `#/limits/${id}` }, name), "name"],
@@ -58,6 +58,25 @@ export function show(element, { id, api, navigate }) {
     const actions = [link("All limit sets", "#/limits"), link("Fly", "#/fly")];
     return pageOf(newest.name, actions, ...versions.map((version) => versionPanel(version, catalog)), form);
   }
+}
+
+/** newest: the version to begin with; null for a new set. */
+function createLimitForm({ catalog, newest, word, route, send }) {
+  const { schema } = catalog.families.limits.entries.limits;
+  return createCaseForm({
+    catalog,
+    word,
+    route,
+    heading: newest === null ? "New limit set" : "Next version",
+    hint: "A version never changes, and each flight records its version. Conditions must not overlap; an empty field is unbounded.",
+    nameless: newest === null ? "No name was given: name the limit set." : null,
+    cases: newest?.cases ?? [{ name: "any condition", ranges: {} }],
+    contentOf: ({ limits }) => {
+      const fields = createFields(schema, limits, { catalog, path: "limits" });
+      return { elements: h("div.field-grid", fields.keys.map(fields.element)), check: fields.check, read: () => ({ limits: fields.read() }) };
+    },
+    send,
+  });
 }
 
 function versionPanel({ version, by, created, text, cases }, catalog) {

@@ -1,7 +1,7 @@
 /** Monitor sets: #/sets lists them and makes one; #/sets/{id} shows its conditions and their monitors. */
 
-import { conditionColumns, createConditions } from "../forms/conditions.js";
-import { createForm, group, labelled, select, textInput } from "../forms/controls.js";
+import { conditionColumns, createCaseForm } from "../forms/conditions.js";
+import { labelled, select } from "../forms/controls.js";
 import { needs } from "../lib/api.js";
 import { loadCatalog } from "../lib/catalog.js";
 import { button, deleteButton, empty, guideLink, h, link, loadingView, pageOf, panel, table } from "../lib/dom.js";
@@ -48,28 +48,19 @@ export function show(element, { id, api, navigate }) {
 }
 
 function createSetForm(catalog, monitors, send) {
-  const name = textInput({ maxlength: 200, required: true });
-  const why = textInput({ maxlength: 2000 });
-  const named = labelled("Name", name);
-  const conditions = createConditions(catalog, [{ name: "", ranges: {} }, { name: "", ranges: {} }], monitorOf);
-  return createForm({
-    title: "Create a monitor set",
+  const choices = monitors.map(({ id, name, lead }) => [id, `${name} (${lead} s ahead)`]);
+  return createCaseForm({
+    catalog,
     word: "Create the monitor set",
     route: ROUTE,
-    classes: "panel form",
-    fields: [group({ name: named }, () => (name.value.trim() ? [] : [[named, "No name was given: name the monitor set."]])), conditions],
-    content: [
-      h("h2", "New monitor set"),
-      h("p.hint", `Conditions may overlap at their ends; the monitor in use then stays in use. An empty field is unbounded. ${SHARED}`),
-      named.element,
-      conditions.elements,
-      labelled("Reason", why).element,
-    ],
-    send: () => send({ name: name.value.trim(), cases: conditions.read(), ...(why.value.trim() && { text: why.value.trim() }) }),
-  }).element;
-
-  function monitorOf() {
-    const choice = select(monitors.map(({ id, name: words, lead }) => [id, `${words} (${lead} s ahead)`]));
-    return { elements: labelled("Monitor", choice).element, check: () => true, read: () => ({ monitor: choice.value }) };
-  }
+    heading: "New monitor set",
+    hint: `Conditions may overlap at their ends; the monitor in use then stays in use. An empty field is unbounded. ${SHARED}`,
+    nameless: "No name was given: name the monitor set.",
+    cases: [{ name: "", ranges: {} }, { name: "", ranges: {} }],
+    contentOf: () => {
+      const choice = select(choices);
+      return { elements: labelled("Monitor", choice).element, check: () => true, read: () => ({ monitor: choice.value }) };
+    },
+    send,
+  });
 }

@@ -6,10 +6,8 @@
  *
  * createRiskAhead(element, monitors) -> {onFrame(frame), draw(stale)}     hidden for a single monitor
  *     monitors: as hello has them, the alarm authority first.   frame: the newest; null for none
- * summaryLines(monitors, frames) -> elements     each monitor's result on an ended flight
  */
 
-import { secondsText } from "../../lib/clock.js";
 import { shownState, STATE_WORDS, withdrawnWord } from "../../lib/states.js";
 import { h, put } from "../../lib/dom.js";
 import { leadSeconds, riskText } from "../../lib/numbers.js";
@@ -80,21 +78,4 @@ function show({ monitor, line, value, bar }, { state, reason, cause, p_value: ri
   line.toggleAttribute("data-alert", over);
   bar.hidden = !assessed;
   if (assessed) bar.style.width = share(risk);
-}
-
-export function summaryLines(monitors, frames) {
-  if (monitors.length < 2) return [];
-  return byLead(monitors).map(({ monitor, position }) => {
-    let highest = -Infinity;
-    let first = null;
-    for (const frame of frames) {
-      const { p_value: risk, alert } = assessmentOf(frame, position) ?? {};
-      if (Number.isFinite(risk)) highest = Math.max(highest, risk);
-      if (alert) first ??= frame.t;
-    }
-    const threshold = monitor.alert_above;
-    const alerted = first === null ? `never above ${threshold}` : `first above ${threshold} at ${secondsText(first)}`;
-    const words = highest < 0 ? "nothing was assessed" : `${alerted}, highest risk ${riskText(highest, threshold)}`;
-    return h("p", { class: "ahead-summary" }, h("strong", {}, `${leadSeconds(monitor.lead)} s ahead: `), `${monitor.name}, ${rolesOf(monitor)}: ${words}.`);
-  });
 }

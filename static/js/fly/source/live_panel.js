@@ -48,7 +48,6 @@ const ITEMS = [
   ["foreign", "foreign", "Datagrams from other senders, or without the key"],
   ["resumed", "restarts", "Times that the flight continued after a killed server"],
   ["unread", "not read", "Names that the source sends and no channel reads: check the names and the mapping"],
-  ["udp", "UDP", "Address for datagrams"],
 ];
 
 export function createLivePanel({ line, problem }, { begin, accept, address, events, note }) {
@@ -83,7 +82,6 @@ export function createLivePanel({ line, problem }, { begin, accept, address, eve
     count("resumed", live.resumed);
     acceptButton.hidden = !live.other_sender;
     put(acceptButton, `Accept sender ${live.other_sender}`);
-    show("udp", live.udp ?? "");
     show("doubts", (live.doubts ?? []).join("; "), "caution");
     show("drift", live.drift ? `${live.drift} ppm` : "");
     listUnread(live.unread ?? []);

@@ -1,5 +1,5 @@
 /**
- * Where to send the samples of a live flight: addresses, channels and commands to copy.
+ * Where to send the samples of a live flight: addresses, channels and commands.
  *
  * createSourceAddress(element, flight) -> {describe(hello), waiting(boolean), setLinked(boolean), toggle() -> is open}
  *     waiting: before the first sample, it is all that is shown
@@ -7,10 +7,9 @@
 
 import { asksForToken } from "../../lib/api.js";
 import { channelName } from "../../lib/catalog.js";
-import { formatted, h, put } from "../../lib/dom.js";
+import { formatted, h, put, table } from "../../lib/dom.js";
 
 const ANY = /^(0\.0\.0\.0|\[::\]):/; // every address of the server
-const COPIED = 1500; // ms that the button shows it
 
 export function createSourceAddress(element, flight) {
   element.classList.add("source-address");
@@ -66,11 +65,11 @@ function addresses(flight, { udp }) {
   const path = `${location.host}/api/v1/flights/${flight}`;
   const socket = location.protocol === "https:" ? "wss" : "ws";
   return [
-    copied("REST, POST", `${location.origin}/api/v1/flights/${flight}/samples`),
-    copied("WebSocket", `${socket}://${path}/uplink`),
+    line("REST, POST", `${location.origin}/api/v1/flights/${flight}/samples`),
+    line("WebSocket", `${socket}://${path}/uplink`),
     udp === null
-      ? h("div", { class: "source-line" }, h("span", { class: "source-name" }, "UDP"), h("span", { class: "dim" }, "not chosen when the flight was started"))
-      : copied("UDP, JSON lines", udp.replace(ANY, `${location.hostname}:`)),
+      ? h("p.dim", "UDP: not chosen when the flight was started")
+      : line("UDP, JSON lines", udp.replace(ANY, `${location.hostname}:`)),
   ];
 }
 
@@ -83,8 +82,8 @@ function commands(flight, live, { recording }) {
   const curl = `curl ${location.origin}/api/v1/flights/${flight}/samples${header} -d '${JSON.stringify(batch)}'`;
   const push = `forewarn push FILE --flight ${flight} --server ${location.origin}${option}`;
   return [
-    ...(recording === undefined ? [copied("Command, for a recording at its own pace", push)] : []),
-    copied("Command, for one sample", curl),
+    ...(recording === undefined ? [line("Command, for a recording at its own pace", push)] : []),
+    line("Command, for one sample", curl),
   ];
 }
 
@@ -98,12 +97,8 @@ function channelTable(channels, { names, needed, conditions }, { recording }) {
     ...signals.filter(([name]) => !conditions.some((condition) => condition.name === name)),
     ...conditions.map(({ name, label, unit }) => [name, label, unit, "✓ flight condition"]),
   ];
-  return h(
-    "table",
-    { class: "table source-channels" },
-    h("thead", {}, h("tr", {}, ...["name", "channel", "unit", "needed"].map((word) => h("th", {}, word)))),
-    h("tbody", {}, ...[[time, "time of the sample", "s", "✓"], ...rows].map((row) => h("tr", {}, ...row.map((cell) => h("td", {}, cell))))),
-  );
+  const columns = ["name", "channel", "unit", "needed"].map((word, k) => [word, (row) => row[k]]);
+  return table({ columns, items: [[time, "time of the sample", "s", "✓"], ...rows], classes: "source-channels", panel: false });
 }
 
 function ownRows(channels, needed) {
@@ -113,25 +108,6 @@ function ownRows(channels, needed) {
   return others.length === 0 ? rows : [...rows, [others.join(", "), "attitude, for the scene", "rad", "optional"]];
 }
 
-function copied(name, text) {
-  const code = h("code", {}, text);
-  const button = h("button", { type: "button", class: "button button-small", "aria-label": `Copy: ${name}`, onclick: copy }, "Copy");
-
-  async function copy() {
-    put(button, (await intoClipboard(text, code)) ? "✓ Copied" : "Press Ctrl+C");
-    setTimeout(() => put(button, "Copy"), COPIED);
-  }
-
-  return h("div", { class: "source-line" }, h("span", { class: "source-name" }, name), code, button);
-}
-
-/** A page served by http from another machine has no clipboard: the text is selected instead. */
-async function intoClipboard(text, code) {
-  try {
-    await navigator.clipboard.writeText(text);
-    return true;
-  } catch {
-    getSelection().selectAllChildren(code);
-    return document.execCommand("copy");
-  }
+function line(name, text) {
+  return h("div.source-line", h("span.source-name", name), h("code", text));
 }

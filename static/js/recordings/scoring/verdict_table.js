@@ -1,17 +1,14 @@
 /** Table of manoeuvres: outcome, warning lead time against the promised one, applicability.   show(k): one was chosen */
 
-import { select } from "../../forms/controls.js";
 import { secondsText } from "../../lib/clock.js";
 import { chip, formatted, h, sentences, table } from "../../lib/dom.js";
 import { percent, quantity } from "../../lib/numbers.js";
 import { firstAlertText, leadText, measuredBy, outcomeChip, outsideLine, peakText, validityWords } from "../words.js";
 
 const OPEN = 3; // up to this many manoeuvres, all reasons are unfolded
-const MANY = 8; // above this many, a filter by outcome is offered
 
 export function createVerdictTable(scoring, { show }) {
   const { manoeuvres, channels, alert_above: alertAbove, lead } = scoring;
-  const isMany = manoeuvres.length > MANY;
   const bodies = [];
   const columns = [
     ["Manoeuvre", nameOf, "name"],
@@ -23,8 +20,7 @@ export function createVerdictTable(scoring, { show }) {
     ["Applicability", applicability],
   ];
   const shown = table({ columns, items: manoeuvres, group, classes: "verdict-table", panel: false });
-  shown.classList.toggle("verdict-many", isMany);
-  const element = h("div.stack-tight", outsideLine(scoring, "p", "outside-line"), isMany && filter(), shown);
+  const element = h("div.stack-tight", outsideLine(scoring, "p", "outside-line"), shown);
   return { element, choose };
 
   function choose(chosen) {
@@ -42,16 +38,6 @@ export function createVerdictTable(scoring, { show }) {
     const body = h("tbody", attributes, row, h("tr.verdict-why", reasons));
     bodies.push(body);
     return body;
-  }
-
-  function filter() {
-    const counts = [...Map.groupBy(manoeuvres, ({ outcome }) => outcome)];
-    const wordOf = ({ outcome_words: { word } }) => word.toLowerCase();
-    const entries = counts.map(([key, alike]) => [key, `${wordOf(alike[0])} (${alike.length})`]);
-    const isHidden = ({ outcome }) => choice.value !== "" && outcome !== choice.value;
-    const showOutcome = () => bodies.forEach((body, k) => body.toggleAttribute("hidden", isHidden(manoeuvres[k])));
-    const choice = select([["", `all ${manoeuvres.length}`], ...entries], { id: "verdict-filter", onchange: showOutcome });
-    return h("div.row", h("label", { for: "verdict-filter" }, "Show"), h("div.field", choice));
   }
 }
 
