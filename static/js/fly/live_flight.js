@@ -153,7 +153,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     setLine.show(hello);
     card.show(hello);
     described = { mode, source: sourceText(hello.source, hello.name), monitor: inUse(hello), noRest, warnings, validity };
-    alarm.describe({ epsilon, alertAbove: alertLevel(hello), guarantee: hello.guarantee, lead, warnings, limits: exceededWords(withLimits(channels, hello.monitors[0].limits)), channels });
+    alarm.show({ flight: { epsilon, alertAbove: alertLevel(hello), guarantee: hello.guarantee, lead, warnings, limits: exceededWords(withLimits(channels, hello.monitors[0].limits)), channels } });
   }
 
   /** Samples that the killed server had not stored are gone: the source must send them again. */
@@ -288,7 +288,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     setZero(...liveZero(live));
     if (panels.problem.hidden && live.problem !== "") sound.caution();
     source.update(live, hello);
-    alarm.setDoubts(live.doubts);
+    alarm.show({ doubts: live.doubts });
     showTrims(live.trims);
     address.describe({ ...hello, live });
   }
@@ -333,7 +333,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     transport.setUsable(isLinked);
     source?.setUsable(isLinked);
     address?.setLinked(isLinked);
-    alarm.setLinked(isLinked);
+    alarm.show({ isLinked });
     display?.setLinked(isLinked);
     if (link === "lost") display?.lose();
     showHidden();
@@ -350,7 +350,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
 
   /** Alarm line and title follow the headline. The page itself sounds the caution of stale samples. */
   function follow(headline, cause) {
-    alarm.setHeadline(headline);
+    alarm.show({ headline });
     const words = levelOf(headline) === "ok" ? "" : `${textOf(headline, cause)} – `;
     const title = `${words}${hello.name} – Forewarn`;
     if (document.title !== title) document.title = title;
@@ -403,7 +403,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
       follow(headline, display.withdrawal);
       source?.setStale(isStale(headline));
       card.draw({ frame: display.newest, begun: manoeuvres(), condition: hello.live?.condition ?? null, ring: display.chart.ring, stale: isStale(headline) });
-      alarm.setStale(isStale(headline) ? staleText(display.cause, display.timeline.age(wall)) : "");
+      alarm.show({ stale: isStale(headline) ? staleText(display.cause, display.timeline.age(wall)) : "" });
     }
     const figures = connection.figures(wall);
     showWall(headline, figures.utc);

@@ -16,7 +16,7 @@ def test_the_guarantee_is_shown_only_while_it_stands(strips: Open) -> None:
         const element = document.createElement('div');
         const tone = { start() {}, stop() {} };
         const panel = h.createAlarmPanel(element, { tone, acknowledge: null });
-        panel.describe({ epsilon: 0.1, lead: 0.5, limits: [], warnings: [] });
+        panel.show({ flight: { epsilon: 0.1, lead: 0.5, limits: [], warnings: [] } });
         return [
           { state: 'ok', reason: '' },
           { state: 'invalid', reason: 'unlike training' },
@@ -24,7 +24,7 @@ def test_the_guarantee_is_shown_only_while_it_stands(strips: Open) -> None:
           { state: 'ok', reason: '' },
           { state: 'stale', reason: 'no sample came for 1 s' },
         ].map((now) => {
-          panel.setState(now);
+          panel.show({ assessment: now });
           return element.querySelector('.alarm-calm').textContent;
         });
         """,
@@ -51,7 +51,7 @@ def test_warnings_come_before_cautions_each_with_its_own_tone(strips: Open) -> N
           return { ...alarm, acknowledged: 'now', by: 'FTE' };
         };
         const panel = h.createAlarmPanel(element, { tone, acknowledge });
-        panel.describe({ epsilon: 0.1, lead: 0.5, limits: [], channels: [], warnings: [] });
+        panel.show({ flight: { epsilon: 0.1, lead: 0.5, limits: [], channels: [], warnings: [] } });
         const about = { t: 1, p_value: 0.5, reason: 'late', acknowledged: null, by: null };
         const alarm = (number, kind, level) => ({ number, kind, level, ...about });
         const banner = element.querySelector('.alarm-banner');
@@ -89,7 +89,7 @@ def test_a_banner_of_several_alarms_says_how_many_and_when_the_first_was(strips:
         const panel = h.createAlarmPanel(element, { tone: { start() {}, stop() {} } });
         const channels = [{ key: 'Ny', symbol: 'N_y', unit: 'g', display_unit: 'g',
           display_factor: 1, display_decimals: 2 }];
-        panel.describe({ epsilon: 0.1, lead: 0.5, limits: [], channels, warnings: [] });
+        panel.show({ flight: { epsilon: 0.1, lead: 0.5, limits: [], channels, warnings: [] } });
         const about = { p_value: null, level: 'warning', acknowledged: null, by: null };
         const exceedance = { channel: 'Ny', value: 0.6, limit: 0.5, judged: 'both' };
         panel.onAlarm({ ...about, number: 1, kind: 'risk', t: 1.4 });
@@ -117,7 +117,7 @@ def test_the_line_of_a_withdrawn_monitor_gives_the_cause_that_holds_now(strips: 
           { state: 'invalid', reason: 'Ny is missing' },
           { state: 'invalid', reason: 'x', cause: 'between_manoeuvres' },
         ]) {
-          panel.setState(now);
+          panel.show({ assessment: now });
           lines.push(line());
         }
         return lines;
@@ -366,12 +366,12 @@ def test_the_alarm_line_is_never_calm_after_an_exceedance(strips: Open) -> None:
       const { createAlarmPanel } = await import("/static/js/fly/alarms/alarm_panel.js");
       const element = document.createElement("div");
       const panel = createAlarmPanel(element, { tone: { start() {}, stop() {} } });
-      panel.setHeadline({ status: "exceeded", beside: [], exceeded_t });
+      panel.show({ headline: { status: "exceeded", beside: [], exceeded_t } });
       const line = element.querySelector(".alarm-calm");
       return [line.textContent, line.hasAttribute("data-warned")];
     }"""
     page = strips()
-    before = code.replace("panel.setHeadline({", "({")
+    before = code.replace("panel.show({ headline", "({ headline")
     assert page.evaluate(before, None)[0].startswith("◆ Alarms not known yet.")
     words, is_warned = page.evaluate(code, 7.7)
     assert words.startswith("◆ LIMIT EXCEEDED first at 7.70 s, acknowledged.")
@@ -392,7 +392,7 @@ def test_each_alarm_asks_for_its_own_callout(strips: Open) -> None:
         const panel = h.createAlarmPanel(element, { tone, acknowledge: null });
         const channels = [{ key: 'Ny', symbol: 'N_y', unit: 'g', display_unit: 'g',
           display_factor: 1, display_decimals: 2 }];
-        panel.describe({ epsilon: 0.1, lead: 0.5, limits: [], channels, warnings: [] });
+        panel.show({ flight: { epsilon: 0.1, lead: 0.5, limits: [], channels, warnings: [] } });
         const about = { t: 1, p_value: null, reason: 'late', acknowledged: null, by: null };
         const exceedance = { channel: 'Ny', value: 0.6, limit: 0.5, judged: 'both' };
         const raise = (number, kind, level) =>

@@ -6,14 +6,14 @@
  * Its height is the same either way, so that the strips do not move when an alarm comes.
  *
  * createAlarmPanel(element, {tone, acknowledge(alarm) -> Promise of the acknowledged alarm}) -> AlarmPanel
- *   describe({epsilon, alertAbove, guarantee, lead, warnings, limits, channels})   of the flight; limits: the monitor's
- *     own, in words; empty where none is known
- *   setState({state, reason, cause, last})    of the newest assessment; last: cause of the newest sample
+ *   show({flight, assessment, stale, headline, doubts, isLinked})     what has changed
+ *     flight: {epsilon, alertAbove, guarantee, lead, warnings, limits, channels}; limits: the monitor's own, in words;
+ *       empty where none is known
+ *     assessment: {state, reason, cause, last}, the newest; last: cause of the newest sample
+ *     stale: why and by how much the newest sample is stale; empty where it is current
+ *     headline: {status, beside, exceeded_t}; an acknowledged condition may continue
+ *     doubts: why the newest samples are in doubt; empty where that is not known.   isLinked: false: new alarms cannot arrive
  *   onAlarm(alarm)       raised or acknowledged
- *   setStale(words)      why and by how much the newest sample is stale; empty where it is current
- *   setHeadline({status, beside, exceeded_t})   of the flight; an acknowledged condition may continue
- *   setDoubts(reasons)   why the newest samples are in doubt; empty where that is not known
- *   setLinked(boolean)   false: new alarms cannot arrive
  *   acknowledgeAll()     all open warnings; all open cautions where there are none
  *   open()               number of unacknowledged warnings
  */
@@ -58,23 +58,26 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   const failure = errorLine();
   element.append(banner, calm, failure.element);
   const alarms = new Map();
-  let flight = { epsilon: NaN, alertAbove: NaN, lead: 0, warnings: [], limits: "", channels: [] };
-  let assessment = { state: null, reason: "", cause: null };
-  let status = "";
-  let holds = []; // statuses of the headline and beside it
+  const now = {
+    flight: { epsilon: NaN, alertAbove: NaN, lead: 0, warnings: [], limits: "", channels: [] },
+    assessment: { state: null, reason: "", cause: null },
+    headline: /** @type {any} */ ({ status: "", beside: [] }),
+    stale: "",
+    doubts: [],
+    isLinked: true,
+  };
   let shown = "";
-  let stale = "";
-  let doubts = "";
-  let exceeded = ""; // the first exceedance, in words
-  let isLinked = true;
 
+  /** The first exceedance, in words. */
+  const exceeded = () => exceededAt(now.headline);
   const waiting = () => waitingOf([...alarms.values()]);
   const heard = new Set(); // cautions
 
   function render() {
     put(promise, promised());
     put(quiet, quietWords());
-    calm.toggleAttribute("data-warned", flight.warnings.length > 0 || exceeded !== "");
+    const { status } = now.headline;
+    calm.toggleAttribute("data-warned", now.flight.warnings.length > 0 || exceeded() !== "");
     const { warnings, cautions } = waiting();
     const open = warnings.length > 0 ? warnings : cautions;
     const latest = open.findLast(({ kind }) => kind === "limit") ?? open.at(-1); // a measured exceedance comes first
@@ -87,11 +90,11 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     button.hidden = held;
     const alike = open.filter(({ kind }) => kind === latest?.kind);
     const { reason: present = "" } = presentCause(latest?.kind);
-    const now = `${alike.map(({ number }) => number)} of ${open.length} ${latest?.kind === "stale" ? stale : present.replace(/[\d.]+/g, "")}`;
-    const why = status === "caution" ? `: ${doubts || "the samples are in doubt"}` : "";
+    const about = `${alike.map(({ number }) => number)} of ${open.length} ${latest?.kind === "stale" ? now.stale : present.replace(/[\d.]+/g, "")}`;
+    const why = status === "caution" ? `: ${now.doubts.join("; ") || "the samples are in doubt"}` : "";
     if (latest === undefined) put(text, held ? GOES_ON[status] + why : "");
-    else if (now !== shown) text.replaceChildren(formatted(words(alike, open.length - alike.length)));
-    shown = now;
+    else if (about !== shown) text.replaceChildren(formatted(words(alike, open.length - alike.length)));
+    shown = about;
     if (warnings.length > 0) tone.start(latest.kind === "limit" ? "limit" : "alert");
     else tone.stop();
     const unheard = cautions.filter(({ number }) => !heard.has(number));
@@ -103,11 +106,13 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
 
   /** Never calm after an exceedance, also where someone has acknowledged it. */
   function quietWords() {
-    if (!isLinked) return "◆ Not connected: new alarms cannot arrive. ";
-    return exceeded ? `◆ LIMIT ${exceeded}, acknowledged. ` : "No unacknowledged alarms. ";
+    if (!now.isLinked) return "◆ Not connected: new alarms cannot arrive. ";
+    return exceeded() ? `◆ LIMIT ${exceeded()}, acknowledged. ` : "No unacknowledged alarms. ";
   }
 
   function promised() {
+    const { assessment, flight } = now;
+    const holds = [now.headline.status, ...now.headline.beside];
     const state = holds.includes("stale") ? "stale" : shownState(assessment);
     const wasBetween = shownState({ state: "invalid", cause: assessment.last }) === "not_assessed";
     if (holds.includes("invalid") && state === "stale" && !wasBetween)
@@ -120,13 +125,14 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
 
   /** Reason and cause of a caution that holds now: another may have raised it. */
   function presentCause(kind) {
-    if (kind === "stale" && stale !== "") return { reason: stale };
-    const { reason: why, cause = null } = assessment;
-    return kind === "invalid" && shownState(assessment) === "invalid" && why ? { reason: why, cause } : {};
+    if (kind === "stale" && now.stale !== "") return { reason: now.stale };
+    const { reason: why, cause = null } = now.assessment;
+    return kind === "invalid" && shownState(now.assessment) === "invalid" && why ? { reason: why, cause } : {};
   }
 
   /** The first of several of a kind, as in the headline; `others`: number of further alarms. */
   function words(alike, others) {
+    const { flight } = now;
     const first = alike.reduce((earliest, alarm) => (alarm.t < earliest.t ? alarm : earliest));
     const { t, p_value: risk, kind, exceedance, reason: why } = first;
     const value = risk === null ? "" : ` ${riskText(risk, flight.alertAbove)}`;
@@ -140,7 +146,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   }
 
   function measured({ channel, value, limit, judged }) {
-    const measured = flight.channels.find(({ key }) => key === channel);
+    const measured = now.flight.channels.find(({ key }) => key === channel);
     const which = judged === "recorded" ? " as recorded, bias and trim included" : "";
     return `${measured.symbol} ${quantity(measured, value)}${which}, limit ${magnitudeIn(measured, limit)}`;
   }
@@ -163,36 +169,16 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     render();
   }
 
+  function show(given) {
+    if (Object.keys(given).every((name) => JSON.stringify(given[name]) === JSON.stringify(now[name]))) return;
+    Object.assign(now, given);
+    if (given.flight) shown = "";
+    render();
+  }
+
   return {
-    describe: (given) => {
-      flight = given;
-      shown = "";
-      render();
-    },
-    setState: (now) => {
-      assessment = now;
-      render();
-    },
-    setLinked: (linked) => {
-      isLinked = linked;
-      put(quiet, quietWords());
-    },
+    show,
     onAlarm,
-    setStale: (words) => {
-      if (words === stale) return;
-      stale = words;
-      render();
-    },
-    setDoubts: (reasons) => {
-      doubts = reasons.join("; ");
-      render();
-    },
-    setHeadline: (now) => {
-      const next = [now.status, ...now.beside];
-      if (next.join() === holds.join() && exceededAt(now) === exceeded) return;
-      [status, holds, exceeded] = [now.status, next, exceededAt(now)];
-      render();
-    },
     acknowledgeAll,
     open: () => waiting().warnings.length,
     close: () => tone.stop(),

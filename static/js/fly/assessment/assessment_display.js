@@ -105,7 +105,7 @@ export function createAssessmentDisplay(panels, { hello, api, path, alarm, event
   function setAssessment({ state, reason, cause = null }, quiet = false) {
     const changed = shownState({ state, cause }) !== shownState(assessment);
     assessment = { state, reason, cause };
-    alarm.setState({ ...assessment, last: lastCause() });
+    alarm.show({ assessment: { ...assessment, last: lastCause() } });
     if (state !== "ok") withdraw();
     if (!changed || quiet || ALARMED.includes(shownState(assessment))) return;
     const why = reason ? `: ${reason}` : "";
@@ -149,7 +149,7 @@ export function createAssessmentDisplay(panels, { hello, api, path, alarm, event
 
   function lose() {
     assessment = LOST;
-    alarm.setState({ ...assessment, last: lastCause() });
+    alarm.show({ assessment: { ...assessment, last: lastCause() } });
     withdraw();
   }
 
