@@ -1,6 +1,6 @@
 """The kinds of long work, one function for each kind of request."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
@@ -114,34 +114,30 @@ def sweep_leads(task: Task, recipe: SweepRecipe, tests: Mapping[str, ManeuverTes
         task.progress(f"{done} of {total} monitors", done, total)
 
     swept = sweep(recipe, tests, executor=task.executor, progress=trained)
-    figures = _drawn(task, power_by_lead=lambda: power_against_lead(swept, recipe))
-    return summary(swept, recipe) | {"table": table(swept, recipe)} | figures
+    drawn = _drawn(task, "power_by_lead", power_against_lead(swept, recipe))
+    return summary(swept, recipe) | {"table": table(swept, recipe), "figures": drawn}
 
 
 def compare_methods(task: Task, recipe: StudyRecipe) -> Result:
     """Compare the methods; the result has the curves, a table and figures as SVG."""
     from app.report.studies.study import summary, table
-    from app.report.studies.study_figures import study_curves, study_rollouts
+    from app.report.studies.study_figures import example_flights, study_curves
 
     def trained(done: int, total: int) -> None:
         task.progress(f"{done} of {total} monitors of each method", done, total)
 
     trained(0, recipe.n_monitors)
     result = study(recipe, executor=task.executor, progress=trained)
-    figures = _drawn(
-        task,
-        miss_and_power=lambda: study_curves(result),
-        rollouts=lambda: study_rollouts(result),
-    )
-    return summary(result) | {"table": table(result)} | figures
+    drawn = _drawn(task, "miss_and_power", study_curves(result))
+    drawn |= {name: svg.decode() for name, svg in example_flights(result).items()}
+    return summary(result) | {"table": table(result), "figures": drawn}
 
 
-def _drawn(task: Task, **figures: Callable[[], "Figure"]) -> Result:
+def _drawn(task: Task, name: str, figure: "Figure") -> dict[str, str]:
     from app.report.studies.study_figures import render
 
     task.progress("drawing", task.done, task.total)
-    files = [render(draw(), name, ["svg"]) for name, draw in figures.items()]
-    return {"figures": {name: svg.decode() for file in files for name, svg in file.items()}}
+    return {name: svg.decode() for name, svg in render(figure, name, ["svg"]).items()}
 
 
 def without_figures(result: dict[str, Any] | None, job_id: str) -> dict[str, Any] | None:

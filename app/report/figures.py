@@ -14,10 +14,12 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
 
-from app.assessment.limits_history import LimitPiece
+from app.assessment import sample_type
+from app.assessment.limits_history import LimitPiece, pieces_of
 from app.assessment.outcome import runs
 from app.report.strip_chart import Strip, StripChart
 from core.channels import Channel, Dictionary
+from core.monitor import Monitor
 from core.monitor.assessment import STATES, State
 from core.types import Array
 
@@ -249,6 +251,24 @@ def score_figure(
     exceedances = [m["exceedance"]["t"] for m in manoeuvres if m["exceedance"]]
     every_strip(dictionary, chart, TALL, samples, limits, alert_above, lead, exceedances, intervals)
     chart.name([(manoeuvre["start"], manoeuvre["name"]) for manoeuvre in manoeuvres])
+    return chart.file(title)
+
+
+def flown_figure(monitor: Monitor, y: Array, fail_index: int, title: str) -> bytes:
+    """A simulated flight (n, n_channels) with its forecasts and the risk as an SVG file.
+
+    fail_index: first sample beyond a limit, n for none.
+    """
+    assessments = monitor.assess(monitor.dt * np.arange(len(y)), y)
+    samples = np.zeros(len(y), sample_type(y.shape[1]))
+    samples["y"], samples["withdrawn"] = y, np.nan
+    for name in ("t", "y_hat", "p_value", "alert", "state"):
+        samples[name] = getattr(assessments, name)
+    limits = list(pieces_of(monitor.dictionary, monitor.envelope, None))
+    failures = samples["t"][fail_index : fail_index + 1].tolist()
+    chart = StripChart(0.0, float(samples["t"][-1]), top=34.0)
+    about = limits, monitor.alert_above(), monitor.lead, failures
+    every_strip(monitor.dictionary, chart, TALL, samples, *about)
     return chart.file(title)
 
 

@@ -149,7 +149,7 @@ def test_a_wind_up_turn_goes_from_request_to_flight(tmp_path: Path):
         others = [*baselines_for(FLIGHT)]
         assert list(job["result"]["methods"]) == neighbors + others
         assert "derivatives in bounds" not in others
-        assert b"<svg" in client.get(job["result"]["figures"]["rollouts.svg"]).content
+        assert b"<svg" in client.get(job["result"]["figures"]["unsafe_flight.svg"]).content
         sizes |= {"n_unsafe": 20, "leads_s": [0.25]}
         named = ["linear + nearest neighbor", "peaks ahead: rest", "neighbors + peaks"]
         asked = sizes | {"methods": [*named, "predicted magnitude", "test card: rest"]}

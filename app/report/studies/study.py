@@ -18,7 +18,7 @@ SHARES = ("miss_rate", "miss_interval", "power", "power_interval")
 
 
 def write_study(result: StudyResult, out: Path) -> str:
-    """Write study.json, study.csv and both figures into `out`; return the table to print.
+    """Write study.json, study.csv and the figures into `out`; return the table to print.
 
     All files are complete before the first is put in place.
     """
@@ -27,7 +27,7 @@ def write_study(result: StudyResult, out: Path) -> str:
     files = {
         "study.json": json.dumps(summary(result), indent=1).encode(),
         "study.csv": _csv(result).encode(),
-        **figures.render(figures.study_rollouts(result), "rollouts"),
+        **figures.example_flights(result),
         **figures.render(figures.study_curves(result), "miss_and_power"),
     }
     out.mkdir(parents=True, exist_ok=True)

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib import rc_context
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from app.report.figures import flown_figure
 from core.evaluation.lead_sweep import CEILING, COMPARED, PlannedTestSweep, SweepRecipe
-from core.limits.limits import Envelope
-from core.monitor import Assessments, Monitor
+from core.monitor import Monitor
 from core.types import Array, Indices
 
 if TYPE_CHECKING:
@@ -33,7 +32,7 @@ DASHES: tuple[Any, ...] = (
     (0, (8, 1)),
     (0, (12, 2)),
 )
-MEASURED, FORECAST, LIMIT, ALERT = "#222222", "#0072B2", "#B22222", "#B22222"
+MEASURED, LIMIT = "#222222", "#B22222"
 STYLE: Any = {
     "font.size": 9,
     "axes.grid": True,
@@ -93,104 +92,19 @@ def study_curves(result: "StudyResult") -> Figure:
     return figure
 
 
-def study_rollouts(result: "StudyResult") -> Figure:
-    """One safe and one unsafe test flight: outputs, forecasts, limits, risk."""
+def example_flights(result: "StudyResult") -> dict[str, bytes]:
+    """A safe and an unsafe test flight as SVG files, by name; without those that there are not."""
     monitor, flights = result.monitor, result.flights
-    n_channels = len(monitor.dictionary)
-    unsafe, safe = _example_pair(monitor, flights.y, flights.fail_index)
-    with rc_context(STYLE):
-        figure = Figure(figsize=(11, 11 * (n_channels + 1) / 7), layout="constrained")
-        columns = figure.subplots(n_channels + 1, 2, sharex=True, sharey="row").T
-        for axes, flight, title in zip(
-            columns, (safe, unsafe), ("a safe flight", "an unsafe flight"), strict=True
-        ):
-            if flight is None:
-                axes[0].set_title(f"{title}: none among the test flights")
-                continue
-            t = np.arange(flights.y.shape[1]) * monitor.dt
-            assessments = monitor.assess(t, flights.y[flight])
-            limits = monitor.envelope or Envelope.unlimited(n_channels)
-            draw_flight(
-                axes, monitor, flights.y[flight], assessments, limits, monitor.alert_above()
-            )
-            axes[0].set_title(f"{title} (test flight {flight})")
-            fail = flights.fail_index[flight]
-            if fail < len(t):
-                _mark_failure(axes, t[fail], monitor.lead)
-        _legend_once(figure, columns[:, :-1].ravel())
-        columns[0][-1].set_xlabel("t [s]")
-        columns[1][-1].set_xlabel("t [s]")
-    return figure
-
-
-def draw_flight(
-    axes: Any,
-    monitor: Monitor,
-    y: Array,
-    assessments: Assessments,
-    limits: Envelope,
-    alert_above: float,
-) -> None:
-    """One strip per channel, with the forecast at the time it is for, and the risk below.
-
-    alert_above: risk that alerts.
-    """
-    channels, ends = monitor.dictionary.channels, np.transpose([limits.high, limits.low])
-    for strip, channel, values, forecast, both in zip(
-        axes, channels, y.T, assessments.y_hat.T, ends, strict=False
-    ):
-        factor = channel.display_factor
-        strip.plot(assessments.t, factor * values, color=MEASURED, lw=1.2, label="measured")
-        strip.plot(
-            assessments.t + monitor.lead,
-            factor * forecast,
-            color=FORECAST,
-            lw=1.0,
-            ls=DASHES[1],
-            label=f"predicted {monitor.lead:g} s ahead",
+    examples = dict(
+        zip(("unsafe", "safe"), _example_pair(monitor, flights.y, flights.fail_index), strict=True)
+    )
+    return {
+        f"{kind}_flight.svg": flown_figure(
+            monitor, flights.y[k], int(flights.fail_index[k]), f"{kind} flight (test flight {k})"
         )
-        for limit in both[np.isfinite(both)]:
-            strip.axhline(factor * limit, color=LIMIT, lw=1, label="limit")
-        symbol = f"${channel.symbol}$" if "_" in channel.symbol else channel.symbol
-        strip.set_ylabel(f"{symbol} [{channel.display_unit}]")
-    risk = axes[-1]
-    risk.step(assessments.t, assessments.p_value, where="post", color=MEASURED, lw=1.2)
-    for where, step, colour, alpha, label in (
-        (assessments.alert, "post", ALERT, 0.2, "alert"),
-        (np.isnan(assessments.p_value), "mid", "#999999", 0.4, "not assessed"),
-    ):
-        shown = {"where": where.tolist(), "step": step, "color": colour, "alpha": alpha}
-        if where.any():
-            risk.fill_between(assessments.t, 0, 1, **shown, label=label)
-    risk.plot(
-        assessments.t[assessments.alert],
-        assessments.p_value[assessments.alert],
-        color=ALERT,
-        marker="v",
-        ms=5,
-        ls="none",
-    )
-    risk.axhline(alert_above, color=LIMIT, lw=1, ls="--", label=f"alerts above {alert_above:.4g}")
-    risk.set(ylim=(0, 1.02), ylabel="risk p-value\n(higher is worse)")
-    risk.legend(loc="upper right", fontsize=8)
-
-
-def _mark_failure(axes: Iterable[Axes], t_fail: float, lead: float) -> None:
-    for strip in axes:
-        strip.axvline(t_fail, color=LIMIT, lw=1.2, ls="-.", label="limit exceeded")
-        strip.axvline(t_fail - lead, color=LIMIT, lw=1.0, ls=":", label="last timely alert")
-
-
-def _legend_once(figure: Figure, axes: Iterable[Axes]) -> None:
-    """One legend above all strips, each label once."""
-    labels: Mapping[str, Any] = {
-        label: handle
-        for strip in axes
-        for handle, label in zip(*strip.get_legend_handles_labels(), strict=True)
+        for kind, k in examples.items()
+        if k is not None
     }
-    figure.legend(
-        labels.values(), labels.keys(), loc="outside upper center", ncols=len(labels), frameon=False
-    )
 
 
 def _example_pair(monitor: Monitor, y: Array, fail_index: Indices) -> tuple[int | None, int | None]:

@@ -35,17 +35,19 @@ def small_studied(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, b
     return contents(out), printed.getvalue()
 
 
-def test_study_writes_table_data_and_both_figures(small_studied: tuple[dict[str, bytes], str]):
+def test_study_writes_table_data_and_figures(small_studied: tuple[dict[str, bytes], str]):
     files, printed = small_studied
     assert sorted(files) == [
         "miss_and_power.png",
         "miss_and_power.svg",
-        "rollouts.png",
-        "rollouts.svg",
+        "safe_flight.svg",
         "study.csv",
         "study.json",
+        "unsafe_flight.svg",
     ]
-    assert files["rollouts.png"].startswith(FIRST_PNG_BYTES)
+    assert files["miss_and_power.png"].startswith(FIRST_PNG_BYTES)
+    assert b"last timely alert" in files["unsafe_flight.svg"]
+    assert b"last timely alert" not in files["safe_flight.svg"]
     assert b"<svg" in files["miss_and_power.svg"]
     study = json.loads(files["study.json"])
     rows = list(csv.DictReader(files["study.csv"].decode().splitlines()))

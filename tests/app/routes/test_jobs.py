@@ -43,7 +43,11 @@ def test_the_study_compares_the_five_methods_and_the_rules_of_others(client):
     assert result["others"].keys() == BASELINES.keys()
     for curves in result["methods"].values():
         assert len(curves["epsilon"]) == len(curves["power"]) == len(curves["miss_interval"])
-    assert sorted(result["figures"]) == ["miss_and_power.svg", "rollouts.svg"]
+    assert sorted(result["figures"]) == [
+        "miss_and_power.svg",
+        "safe_flight.svg",
+        "unsafe_flight.svg",
+    ]
     for name, link in result["figures"].items():
         answer = client.get(link)
         assert answer.headers["content-type"] == "image/svg+xml", name
@@ -97,7 +101,7 @@ def test_a_request_is_refused_if_the_queue_is_full(client, held):
     assert client.post(f"{first.headers['location']}/cancel").json()["status"] == "cancelled"
 
 
-@pytest.mark.parametrize("path", ["", "/events", "/figures/rollouts.svg"])
+@pytest.mark.parametrize("path", ["", "/events", "/figures/safe_flight.svg"])
 def test_an_unknown_job_is_not_found(client, path):
     assert "nothing" in problem(client.get(f"/api/v1/jobs/nothing{path}"), 404)
     assert "nothing" in problem(client.post("/api/v1/jobs/nothing/cancel"), 404)
