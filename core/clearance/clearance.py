@@ -17,7 +17,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import ceil, exp, floor, log
 from typing import Annotated, Any, NamedTuple
 
@@ -117,18 +117,6 @@ class BuildUp:
                         "points of a build-up share one aircraft, flight condition, control law, "
                         "limits and sample interval"
                     )
-
-    @classmethod
-    def fractions(cls, following: Any, fractions: Sequence[float]) -> "BuildUp":
-        """Steps of these fractions of the next point's amplitude."""
-        steps = tuple(
-            replace(
-                following,
-                maneuver=following.maneuver.with_peak(part * following.maneuver.peak_deg),
-            )
-            for part in fractions
-        )
-        return cls(steps, following)
 
 
 class PeakPrediction(NamedTuple):

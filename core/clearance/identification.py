@@ -9,7 +9,6 @@ sample per swing of the Dutch roll. Contradictory segments leave such residuals 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +16,6 @@ from core.channels import KEYS, N_CHANNELS
 from core.clearance.joint_model import N_OUTPUTS, Law
 from core.clearance.posterior import (
     STEPS,
-    PlantPosterior,
     RecordedStep,
     RecordFit,
     prior_of,
@@ -44,8 +42,6 @@ SHORTEST = 20
 LONGEST_SWING_S = 20.0
 UNDETERMINED = 0.9
 """A derivative is undetermined if more than this share of the prior's sigma remains."""
-INTERVAL = 1.96
-"""Half width of a 95 % interval, in standard deviations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,21 +88,19 @@ class Identification:
     """An aircraft identified from segments.
 
     names, prior_mean, prior_sigma, mean: (n_params,).   covariance: (n_params, n_params).
-    deviates: posterior of the deviates of D_theta.   distance: mean square of their means; about 1
-    or less if D_theta is right.   noise: (6,) assumed or estimated, SI units, N_y in g.
+    distance: mean square of the posterior deviates of D_theta; about 1 or less if that is right.
+    noise: (6,) assumed or estimated, SI units, N_y in g.
     residual_rms: (4,) of the outputs.
     r2: (n_segments, 4) share of each output's variance explained, NaN where not recorded.
     """
 
     aircraft: Aircraft
-    law: Law
     sources: tuple[str, ...]
     names: tuple[str, ...]
     prior_mean: Array
     prior_sigma: Array
     mean: Array
     covariance: Array
-    deviates: PlantPosterior
     distance: float
     noise: Array
     residual_rms: Array
@@ -116,11 +110,6 @@ class Identification:
     def sigma(self) -> Array:
         """(n_params,) posterior standard deviation of each parameter."""
         return np.sqrt(np.diag(self.covariance))
-
-    @property
-    def inflation(self) -> Array:
-        """(4,) noise as a multiple of the residuals."""
-        return self.noise[:N_OUTPUTS] / self.residual_rms
 
     @property
     def undetermined(self) -> tuple[str, ...]:
@@ -133,26 +122,6 @@ class Identification:
     def identified(self) -> IdentifiedAircraft:
         """The identified aircraft, for simulation and for training monitors."""
         return IdentifiedAircraft.of(self.aircraft, self.mean, self.covariance, self.sources)
-
-    def predict(self, segment: FlownSegment) -> "OutputPrediction":
-        """Response of the identified aircraft to the surfaces of an unused segment.
-
-        Initial state and biases are fitted.
-        """
-        plant = self.aircraft.uncertain_plant()
-        fit = RecordFit(plant, self.law, _record(segment, self.noise))
-        return _prediction(fit, segment, self.deviates, self.residual_rms)
-
-
-class OutputPrediction(NamedTuple):
-    """y: (n_samples, 4) predicted.   sigma: (n_samples, 4) of a measured sample about it.
-    r2: (4,) by channel.   covered: (4,) share of samples within the 95 % interval; NaN where not
-    recorded."""
-
-    y: Array
-    sigma: Array
-    r2: Array
-    covered: Array
 
 
 def identify_test(test: DatasetRecipe, segments: Sequence[FlownSegment]) -> Identification:
@@ -198,18 +167,15 @@ def identify(
         if np.abs(np.log(assumed[measured] / before[measured])).max() < CLOSE:
             mean, information = settle(fits, prior, mean)
             break
-    posterior = PlantPosterior(mean, np.asarray(np.linalg.inv(information), np.float64))
-    root = plant.root
+    root, known = plant.root, np.asarray(np.linalg.inv(information), np.float64)
     return Identification(
         aircraft=aircraft,
-        law=control,
         sources=tuple(segment.name for segment in segments),
         names=plant.names,
         prior_mean=plant.nominal,
         prior_sigma=np.sqrt(np.square(root).sum(axis=1)),
         mean=plant.theta_of(mean)[0],
-        covariance=root @ posterior.covariance[0] @ root.T,
-        deviates=posterior,
+        covariance=root @ known[0] @ root.T,
         distance=float(np.square(mean).sum() / n_deviates),
         noise=assumed,
         residual_rms=_rms([part.innovations(mean)[0] for part in fits]),
@@ -284,25 +250,3 @@ def _r2(y: Array, residuals: Array) -> Array:
     outputs = y[:, :N_OUTPUTS]
     motion = np.square(outputs - outputs.mean(axis=0)).sum(axis=0)
     return 1.0 - np.square(residuals).sum(axis=0) / np.where(motion > 0.0, motion, np.nan)
-
-
-def _prediction(
-    fit: RecordFit, segment: FlownSegment, deviates: PlantPosterior, residual_rms: Array
-) -> OutputPrediction:
-    """Predict outputs from measured surfaces, with the scatter of theta and residuals."""
-    fit.filter_of(deviates.mean)
-    for _ in range(2):
-        fit.linearise(deviates.mean)
-        fit.follow(np.zeros_like(deviates.mean), np.ones(1))
-    residuals = fit.output_residuals(deviates.mean)[0]
-    slopes = fit.output_slopes(deviates.mean)[0]
-    known = np.einsum("ikc,ij,jkc->kc", slopes, deviates.covariance[0], slopes)
-    sigma = np.sqrt(known + np.square(residual_rms))
-    inside = (np.abs(residuals) <= INTERVAL * sigma).mean(axis=0)
-    recorded = segment.recorded[:N_OUTPUTS]
-    return OutputPrediction(
-        segment.y[:, :N_OUTPUTS] - residuals,
-        sigma,
-        _r2(segment.y, residuals),
-        np.where(recorded, inside, np.nan),
-    )

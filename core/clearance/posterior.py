@@ -15,7 +15,6 @@ import numpy as np
 from core.channels import N_CHANNELS
 from core.clearance.joint_model import (
     N_OUTPUTS,
-    N_SURFACES,
     Law,
     SurfaceMotion,
     driven_response,
@@ -232,49 +231,11 @@ class RecordFit:
     def output_residuals(self, mean: Array) -> Array:
         """(n, n_samples, 4) outputs minus the response to the measured surfaces alone."""
         nx, outputs = self._n_states, self._outputs
-        expected = self._driven(mean[:, np.newaxis], self._offsets[:, :nx])[:, 0]
+        plants = self._plant.plants(self._plant.theta_of(mean))
+        surfaces = self._y[..., N_OUTPUTS:]
+        expected = driven_response(plants, surfaces, self._dt, self._offsets[:, :nx])
         expected[..., outputs] += self._offsets[:, np.newaxis, nx:]
         return self._y[..., :N_OUTPUTS] - expected
-
-    def output_slopes(self, mean: Array) -> Array:
-        """(n, m, n_samples, 4) derivatives by deviates, orthogonal to initial states and biases.
-
-        0 for outputs that were not recorded.
-        """
-        n, m = mean.shape
-        tried = np.repeat(mean[:, np.newaxis], m + 1, axis=1)
-        tried[:, np.arange(1, m + 1), np.arange(m)] += DIFFERENCE
-        driven = self._driven(tried, self._offsets[:, : self._n_states])[..., self._outputs]
-        slopes = (driven[:, 1:] - driven[:, :1]) / DIFFERENCE
-        free = self._free_responses(mean)
-        scale = self.noise[self._outputs]
-        for i in range(n):
-            basis = (free[i] / scale).reshape(len(free[i]), -1).T
-            flat = (slopes[i] / scale).reshape(m, -1).T
-            flat = flat - basis @ np.linalg.lstsq(basis, flat, rcond=None)[0]
-            slopes[i] = flat.T.reshape(slopes[i].shape) * scale
-        out = np.zeros((n, m, slopes.shape[2], N_OUTPUTS))
-        out[..., self._outputs] = slopes
-        return out
-
-    def _driven(self, tried: Array, start: Array) -> Array:
-        """(n, c, n_samples, 4) outputs of deviates (n, c, m) to the measured surfaces."""
-        n, c, m = tried.shape
-        plants = self._plant.plants(self._plant.theta_of(tried.reshape(-1, m)))
-        surfaces = np.repeat(self._y[..., N_OUTPUTS:], c, axis=0)
-        out = driven_response(plants, surfaces, self._dt, np.repeat(start, c, axis=0))
-        return out.reshape(n, c, *out.shape[1:])
-
-    def _free_responses(self, mean: Array) -> Array:
-        """(n, nx + outputs, n_samples, outputs) of each initial state and bias."""
-        n, nx, outputs = len(mean), self._n_states, self._outputs
-        plants = self._plant.plants(np.repeat(self._plant.theta_of(mean), nx, axis=0))
-        still = np.zeros((n * nx, self._y.shape[1], N_SURFACES))
-        states = driven_response(plants, still, self._dt, np.tile(np.eye(nx), (n, 1)))
-        out = np.zeros((n, nx + len(outputs), self._y.shape[1], len(outputs)))
-        out[:, :nx] = states[..., outputs].reshape(n, nx, -1, len(outputs))
-        out[:, nx + np.arange(len(outputs)), :, np.arange(len(outputs))] = 1.0
-        return out
 
     def _white(self, tried: Array, offsets: Array) -> Array:
         """(n, c, all) white residuals of deviates (n, c, m)."""

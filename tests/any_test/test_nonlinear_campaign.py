@@ -21,7 +21,6 @@ from app.report.campaign import campaign_page
 from app.telemetry.mapping.proposal import propose
 from app.telemetry.reading import columns_of
 from core.clearance.clearance import (
-    BuildUp,
     Clearance,
     ClearanceError,
     ClearanceRecipe,
@@ -34,13 +33,14 @@ from core.planned_test.nonlinear_test import JsbsimTest, NonlinearTest, SixDofTe
 from core.simulation.maneuver import MANEUVERS
 from core.types import Array, Flags
 from tests.support.api import api, finished, store_of
+from tests.support.build_up import build_up
 from tests.support.recorded import csv_of
 
 TEST = NonlinearTest(
     maneuver=replace(MANEUVERS["rolling_pull_out"], amplitude_jitter=0.03)
 ).with_usual()
 RECIPE = ClearanceRecipe(epsilon=0.1, n_exceeding=50, n_aircraft=150, seed=3)
-POINTS = BuildUp.fractions(TEST, (0.6, 0.8))
+POINTS = build_up(TEST, (0.6, 0.8))
 METHOD = {
     "predictor": {"kind": "linear"},
     "score": {"kind": "nearest_neighbor"},

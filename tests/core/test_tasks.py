@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from core.clearance import with_monitor as with_monitor_module
-from core.clearance.clearance import BuildUp, Clearance, ClearanceRecipe, calibrate
+from core.clearance.clearance import Clearance, ClearanceRecipe, calibrate
 from core.evaluation.lead_sweep import TESTS, SweepRecipe, sweep
 from core.evaluation.study import StudyRecipe, study
 from core.planned_test.collection import (
@@ -24,6 +24,7 @@ from core.planned_test.collection import (
     training_rollouts,
 )
 from core.tasks import Tasks, stop_if_cancelled
+from tests.support.build_up import build_up
 from tests.support.own_pitch import pitch, small_test
 
 DATASET = replace(DatasetRecipe(), n_unsafe=30, n_obs=30, max_safe=50)
@@ -40,8 +41,8 @@ CLEARANCE = ClearanceRecipe(epsilon=0.1, n_exceeding=20, n_aircraft=100, n_draws
 
 
 def _clearance(executor: Executor | None) -> Clearance:
-    build_up = BuildUp.fractions(TESTS["ATTAS"], (0.6,))
-    return calibrate(build_up, CLEARANCE, executor=executor)
+    points = build_up(TESTS["ATTAS"], (0.6,))
+    return calibrate(points, CLEARANCE, executor=executor)
 
 
 @cache

@@ -10,7 +10,6 @@ from core.bounds import Bounds, check_bounds
 from core.channels import KEYS
 from core.clearance.clearance import (
     BATCH,
-    BuildUp,
     Clearance,
     ClearanceRecipe,
     PointPredictor,
@@ -24,6 +23,7 @@ from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import NoFeedback
 from core.types import Array, Flags
 from tests.studies.study_command import Progress, run_study
+from tests.support.build_up import build_up
 
 Recipe = Callable[[DatasetRecipe], DatasetRecipe]
 
@@ -148,7 +148,7 @@ def error_table(recipe: ErrorTableRecipe, progress: Progress | None = None) -> I
     """Each error on each planned test.   progress: called with (rows done, rows)."""
     total = len(recipe.tests) * len(MODEL_ERRORS)
     for of_test, name in enumerate(recipe.tests):
-        points = BuildUp.fractions(TESTS[name], recipe.steps)
+        points = build_up(TESTS[name], recipe.steps)
         rule = calibrate(
             points,
             ClearanceRecipe(

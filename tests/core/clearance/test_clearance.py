@@ -17,9 +17,10 @@ from core.clearance.clearance import (
 from core.evaluation.lead_sweep import TESTS
 from core.planned_test.planned_test import LateralSimulator
 from core.types import Array
+from tests.support.build_up import build_up
 
 TEST = TESTS["ATTAS"]
-POINTS = BuildUp.fractions(TEST, (0.6,))
+POINTS = build_up(TEST, (0.6,))
 
 
 @pytest.fixture(scope="module")
@@ -126,7 +127,7 @@ class TestWrongModels:
     def test_more_noise_than_stated(self, clearance: Clearance) -> None:
         """Three times the noise: the residuals are too large."""
         noisy = replace(TEST.noise, beta=0.003, p=0.012, r=0.003, Ny=0.012)
-        points = BuildUp.fractions(replace(TEST, noise=noisy), (0.6,))
+        points = build_up(replace(TEST, noise=noisy), (0.6,))
         verdict = clearance.decide(fly(nominal(), 5, points))
         assert not verdict.cleared
         assert verdict.withdrawn[0].words == "residuals of the flown step exceed the noise"
@@ -144,7 +145,7 @@ class TestWrongModels:
 
     def test_steps_that_are_of_two_aircraft(self) -> None:
         """A second step that disagrees with the first, as if stiffness fell with sideslip."""
-        points = BuildUp.fractions(TEST, (0.4, 0.6))
+        points = build_up(TEST, (0.4, 0.6))
         rule = calibrate(
             points, ClearanceRecipe(epsilon=0.1, n_exceeding=20, n_aircraft=100, n_draws=16)
         )
@@ -187,7 +188,7 @@ def test_points_of_different_aircraft_are_refused(monkeypatch: pytest.MonkeyPatc
         ClearanceRecipe(epsilon=0.01, n_exceeding=98)
     few = replace(TEST, maneuver=TEST.maneuver.with_peak(8.5))
     with pytest.raises(ClearanceError, match=r"of 1000 simulated .* 500 are out of reach"):
-        calibrate(BuildUp.fractions(few, (0.6,)), ClearanceRecipe(n_exceeding=500))
+        calibrate(build_up(few, (0.6,)), ClearanceRecipe(n_exceeding=500))
 
 
 def test_a_point_with_rare_exceedances_is_cleared_by_its_prediction(
@@ -196,7 +197,7 @@ def test_a_point_with_rare_exceedances_is_cleared_by_its_prediction(
     """It has no p-value; the checks withdraw as usual."""
     monkeypatch.setattr(clearance_module, "MOST_AIRCRAFT", 2_000)
     harmless = replace(TEST, maneuver=TEST.maneuver.with_peak(2.0))
-    points = BuildUp.fractions(harmless, (0.5,))
+    points = build_up(harmless, (0.5,))
     rule = calibrate(points, ClearanceRecipe(n_aircraft=100, n_draws=16))
     assert rule.is_rare
     verdict = rule.decide(fly(nominal(), 5, points))
@@ -227,7 +228,7 @@ N_RECORDS = 300
 @pytest.mark.parametrize("name", TESTS)
 def test_both_guarantees_hold_and_few_verdicts_depend_on_the_draws(name: str) -> None:
     """Two clearances that differ only in their random draws, of the same records as flown."""
-    points, rng = BuildUp.fractions(TESTS[name].as_flown(), (0.6,)), np.random.default_rng(20_262)
+    points, rng = build_up(TESTS[name].as_flown(), (0.6,)), np.random.default_rng(20_262)
     step, following = LateralSimulator(points.flown[0]), LateralSimulator(points.following)
     theta = following.plant.sample(N_RECORDS, rng)
     records, exceeds = step.fly(theta, rng)[0].y, following.fly(theta, rng)[0].is_unsafe
@@ -264,7 +265,7 @@ def test_the_predicted_interval_covers_nine_of_ten_flown_peaks(name: str) -> Non
 
     On average over the draws too, which all aircraft of a computation share.
     """
-    points, rng = BuildUp.fractions(TESTS[name], (0.6,)), np.random.default_rng(20_263)
+    points, rng = build_up(TESTS[name], (0.6,)), np.random.default_rng(20_263)
     inside = []
     for seed in range(24):
         predictor = PointPredictor(points, ClearanceRecipe(n_draws=16, seed=seed))

@@ -8,7 +8,6 @@ import pytest
 from core.channels import KEYS
 from core.clearance.equation_error import EquationError, Smoothing
 from core.clearance.identification import FlownSegment, Identification, identify, swing_s
-from core.clearance.posterior import prior_of
 from core.evaluation.lead_sweep import TESTS
 from core.monitor import MonitorRecipe, train
 from core.planned_test.collection import DatasetRecipe, collect, evaluation_flights
@@ -20,6 +19,7 @@ from core.simulation.imperfections import channel_array
 from core.simulation.uncertain_plant import Uncertainty
 from core.types import Array
 from tests.support.places import RECORDS
+from tests.support.prediction import predict
 
 ATTAS = PublishedAircraft("attas_id_16kft", n_states=4)
 COLUMNS = ("beta_rad", "p_radps", "r_radps", "ay_g", "da_rad", "dr_rad")
@@ -92,8 +92,9 @@ def test_model_errors_make_intervals_wider() -> None:
         identified("ATTAS", [FlownSegment(y, segment.dt)], noise_is_known=False)
         for y in (segment.y, drifting)
     )
-    assert (straight.inflation < 1.5).all()
-    assert (bent.inflation > 3.0).all()
+    inflation = [each.noise[:4] / each.residual_rms for each in (straight, bent)]
+    assert (inflation[0] < 1.5).all()
+    assert (inflation[1] > 3.0).all()
     assert bent.sigma.sum() > 1.3 * straight.sigma.sum()
 
 
@@ -106,7 +107,7 @@ def test_an_unused_flight_is_predicted_inside_its_interval() -> None:
         for scale in (0.5, 1.0)
     )
     found = identified("ATTAS", [small], noise_is_known=False)
-    prediction = found.predict(large)
+    prediction = predict(found, TESTS["ATTAS"].control_law, large)
     assert (prediction.r2 > 0.98).all()
     assert (prediction.covered > 0.85).all()
     assert prediction.y.shape == prediction.sigma.shape == (len(large.y), 4)
@@ -154,7 +155,7 @@ def test_either_real_record_predicts_the_other() -> None:
         (aileron, rudder, (0.968, 0.984, 0.994, 0.990)),
     ):
         found = identify(ATTAS, law, [used])
-        prediction = found.predict(unused)
+        prediction = predict(found, law, unused)
         assert (prediction.r2 > np.array(catalogs) - 0.06).all()
         assert (prediction.covered > 0.9).all()
         assert found.distance < 1.0
@@ -181,8 +182,8 @@ def test_a_real_rudder_record_improves_channels_the_catalog_was_not_fitted_to() 
     for deviates in rng.standard_normal((12, plant.root.shape[1])):
         guess = IdentifiedAircraft.of(ATTAS, plant.nominal + plant.root @ deviates, covariance)
         found = identify(guess, law, [record("attas_rud1")])
-        unflown = replace(found, deviates=prior_of(guess.uncertain_plant(), 1))
-        told.append([one.predict(record("attas_ail1")).r2 for one in (unflown, found)])
+        unflown = replace(found, mean=found.prior_mean)
+        told.append([predict(one, law, record("attas_ail1")).r2 for one in (unflown, found)])
     before, after = np.moveaxis(np.array(told), 1, 0)
     slow = [0, 2, 3]  # a rudder says little of the roll rate, which is known well before
     assert (np.mean(after > before, axis=0)[slow] > 0.6).all()

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from core.clearance import with_monitor as module
 from core.clearance.clearance import (
-    BuildUp,
     Clearance,
     ClearanceError,
     ClearanceRecipe,
@@ -19,6 +18,7 @@ from core.clearance.with_monitor import N_UNSAFE, WithMonitor, with_monitor
 from core.evaluation.lead_sweep import TESTS
 from core.monitor.calibration import alert_above
 from core.simulation.maneuver import FrequencySweep
+from tests.support.build_up import build_up
 
 RECIPE = ClearanceRecipe(epsilon=0.1, n_exceeding=50, n_aircraft=150, n_draws=32, seed=3)
 
@@ -26,7 +26,7 @@ RECIPE = ClearanceRecipe(epsilon=0.1, n_exceeding=50, n_aircraft=150, n_draws=32
 @pytest.fixture(scope="module")
 def clearance() -> Clearance:
     """For the full doublet of an ATTAS after a step of 60 %."""
-    return calibrate(BuildUp.fractions(TESTS["ATTAS"], (0.6,)), RECIPE)
+    return calibrate(build_up(TESTS["ATTAS"], (0.6,)), RECIPE)
 
 
 @given(

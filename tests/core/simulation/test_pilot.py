@@ -8,7 +8,7 @@ import pytest
 from scipy.linalg import expm
 
 from core.card import CardError
-from core.clearance.clearance import BuildUp, ClearanceError
+from core.clearance.clearance import ClearanceError
 from core.evaluation.ceiling import Ceiling
 from core.kernels.pilot import DELAY, GAIN, NOBODY
 from core.limits.flight_limits import LoadLimits
@@ -23,6 +23,7 @@ from core.simulation.maneuver import MANEUVERS, Axis
 from core.simulation.nonlinear import TrimCondition
 from core.simulation.nonlinear_aircraft import NONLINEAR_AIRCRAFT
 from core.simulation.pilot import PILOTS, TRIMS_RAD_S, Crossover, Intervention, Pilot
+from tests.support.build_up import build_up
 
 RECIPE = DatasetRecipe()
 SURE = Crossover(
@@ -390,4 +391,4 @@ def test_what_knows_planned_inputs_alone_refuses_a_pilot_in_the_loop():
     with pytest.raises(ValueError, match="no pilot in the loop"):
         Ceiling(test)
     with pytest.raises(ClearanceError, match="open_loop"):
-        BuildUp.fractions(test, [0.5])
+        build_up(test, [0.5])
