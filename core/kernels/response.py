@@ -1,11 +1,24 @@
-"""Response of linear closed loops to held pilot commands, eight rollouts side by side."""
+"""Response of closed loops to held pilot commands, eight rollouts side by side.
+
+Exact where the surfaces have no limits, else by the classic fourth-order Runge-Kutta method at a
+fixed step. The moment at which a limit starts to act is not located, which costs about 1e-5 rad at
+two milliseconds.
+"""
 
 from typing import NamedTuple
 
 import numpy as np
 
 from core.kernels import N_CHANNELS
-from core.kernels.closed_loop import KINDS, N_FEEDBACK, clear, close_loop, discretise, scratch
+from core.kernels.closed_loop import (
+    KINDS,
+    N_FEEDBACK,
+    clear,
+    close_loop,
+    discretise,
+    product,
+    scratch,
+)
 from core.kernels.compiled import inlined, jit
 from core.kernels.lanes import (
     UNROLLED,
@@ -26,6 +39,7 @@ from core.kernels.lanes import (
     store_transposed,
     subtract,
     total,
+    where_greater,
     write,
     write_integer,
 )
@@ -52,6 +66,20 @@ class Hold(NamedTuple):
     decays: Array
 
 
+class Surfaces(NamedTuple):
+    """First-order actuators with limits. rate_limit [rad/s], position_limit [rad]: inf if none.
+
+    parts: Runge-Kutta steps per output step.   half_fade: decay of the lag in half a part; 0: no
+    lag.
+    """
+
+    bandwidth: float
+    rate_limit: float
+    position_limit: float
+    parts: int
+    half_fade: float
+
+
 class Gusts(NamedTuple):
     """Sideslip (n, n_out) [rad] added by gusts, linear between output samples.
 
@@ -62,9 +90,9 @@ class Gusts(NamedTuple):
     state: int
 
 
-def linear_work(nx: int, m: int, n_samples: int, n_out: int, in_loop: Pilots) -> int:
-    """Workspace of `roll_out_linear` [numbers]."""
-    at, own = _places(nx, m), 2 * n_samples + n_out + memory_of(in_loop)
+def work(nx: int, m: int, n_samples: int, n_out: int, in_loop: Pilots) -> int:
+    """Workspace of a rollout kernel [numbers]."""
+    at, own = places(nx, m), 2 * n_samples + n_out + memory_of(in_loop)
     return at.loop + scratch(at.n) + own * WIDTH
 
 
@@ -208,8 +236,11 @@ def take_command(w, commands, at, u, e):
         store(w, u + s, command)
 
 
-class _LinearPlaces(NamedTuple):
-    """Positions in the workspace. line: length of a state of eight rollouts."""
+class Places(NamedTuple):
+    """Positions in the workspace. line: length of a state of eight rollouts.
+
+    inputs: for surfaces with limits the effect of a gust on each state, a slope, a stage, a sum.
+    """
 
     n: int
     line: int
@@ -226,7 +257,7 @@ class _LinearPlaces(NamedTuple):
 
 
 @jit
-def _places(nx, m):
+def places(nx, m):
     n = nx + 2 + m
     line = n * WIDTH
     phi = n - n  # a literal compiles every callee again
@@ -239,36 +270,89 @@ def _places(nx, m):
     y = z + SAMPLES * line
     rows = y + SAMPLES * 4 * WIDTH
     loop = rows + N_FEEDBACK * (nx + 2) * WIDTH
-    return _LinearPlaces(n, line, phi, inputs, step, u, e, rate, z, y, rows, loop)
+    return Places(n, line, phi, inputs, step, u, e, rate, z, y, rows, loop)
 
 
 @jit
-def _begin(w, at, plants, law, bandwidth, hold, gust_state, n_inputs, which):
+def _clip(value, limit):
+    """Limit a value to +-limit; NaN stays NaN."""
+    high, low = splat(limit), splat(-limit)
+    value = where_greater(value, high, high, value)
+    return where_greater(low, value, low, value)
+
+
+@inlined
+def _derivative(w, at, z, out, fade, nx, surfaces):
+    """out = z_dot, for the loop of unit bandwidth and pedals at u + fade e."""
+    product(w, at.loop, z, at.inputs, out, at.n, np.int64(1))
+    for s in range(2):
+        place = (nx + s) * WIDTH
+        delta = load(w, z + place)
+        pilot = fma(fade, load(w, at.e + s * WIDTH), load(w, at.u + s * WIDTH))
+        command = _clip(add(add(load(w, out + place), delta), pilot), surfaces.position_limit)
+        rate = multiply(splat(surfaces.bandwidth), subtract(command, delta))
+        store(w, out + place, _clip(rate, surfaces.rate_limit))
+
+
+@jit
+def _add_slope(w, at, state, total, following, weight, ahead):
+    """stage = state + ahead slope, then following = total + weight slope."""
+    for i in range(0, at.line, WIDTH):
+        slope = load(w, at.inputs + at.line + i)
+        stage = fma(splat(ahead), slope, load(w, state + i))
+        store(w, at.inputs + 2 * at.line + i, stage)
+        store(w, following + i, fma(splat(weight), slope, load(w, total + i)))
+
+
+@jit
+def _integrate(w, at, z, out, nx, surfaces, step):
+    """Advance a state and the lags by one output step."""
+    h = step / surfaces.parts
+    half, full = splat(surfaces.half_fade), splat(surfaces.half_fade * surfaces.half_fade)
+    slope = at.inputs + at.line
+    stage, sums = slope + at.line, slope + 2 * at.line
+    for i in range(0, at.line, WIDTH):
+        store(w, out + i, load(w, z + i))
+    for _ in range(surfaces.parts):
+        for i, weight, ahead in ((0, 1.0, 0.5), (1, 2.0, 0.5), (2, 2.0, 1.0), (3, 1.0, 0.0)):
+            fade = splat(1.0) if i == 0 else (full if i == 3 else half)
+            _derivative(w, at, out if i == 0 else stage, slope, fade, nx, surfaces)
+            total, following = out if i == 0 else sums, out if i == 3 else sums
+            _add_slope(w, at, out, total, following, weight * h / 6.0, ahead * h)
+        for s in (0, WIDTH):
+            store(w, at.e + s, multiply(full, load(w, at.e + s)))
+
+
+@jit
+def _begin(w, at, plants, law, bandwidth, surfaces, hold, gust_state, n_inputs, which):
     """Set eight rollouts to trim, before their first command. False if a loop is not finite."""
     nx = plants[0].shape[1]
-    if not close_loop(plants, law, bandwidth, which, w, at.loop, at.rows):
+    in_loop = bandwidth if surfaces is None else 1.0
+    if not close_loop(plants, law, in_loop, which, w, at.loop, at.rows):
         return False
     clear(w, at.inputs, 2 * KINDS * at.n)  # kinds that are not given change nothing
-    if not discretise(
-        w, at.loop, at.n, nx, bandwidth, hold.step, hold.series, hold.decays, gust_state,
-        at.phi, at.inputs,
-    ):  # fmt: skip
-        return False
-    _pack(w, at, n_inputs)
+    if surfaces is None:
+        if not discretise(
+            w, at.loop, at.n, nx, bandwidth, hold.step, hold.series, hold.decays, gust_state,
+            at.phi, at.inputs,
+        ):  # fmt: skip
+            return False
+        _pack(w, at, n_inputs)
     locate_channels(w, at.rows, at.z, at.line, at.y, nx, which + 16 * WIDTH)
     clear(w, at.u, MOST_INPUTS + at.n)
     return True
 
 
 @jit
-def roll_out_linear(
-    plants, law, bandwidth, pilot, hold, gusts, in_loop, work, iwork, out, first, last
+def roll_out_lanes(
+    plants, law, bandwidth, surfaces, pilot, hold, gusts, in_loop, work, iwork, out, first, last
 ):
     """Simulate rollouts first..last-1 into `out`; returns the first block that failed, or -1.
 
+    surfaces: None if they have no limits; else bandwidth and the series of `hold` are not used.
     hold, gusts, in_loop: Hold, Gusts and Pilots; with pilots in the loop, commands are not shared.
     out: the first samples may be missing, a multiple of SAMPLES.
-    work: `linear_work` numbers, aligned; iwork: LANES_IWORK integers.
+    work: `work` numbers, aligned; iwork: LANES_IWORK integers.
     Over a step h, z <- Phi z + G (u, e, rate) with Phi = exp(F h), see `discretise`. With a pedal
     lag the surfaces follow u + e: the held command u, and the rest e of earlier jumps, which fades
     as exp(-t / lag). The sideslip of gusts changes at a constant rate. All are exact, without
@@ -277,16 +361,18 @@ def roll_out_linear(
     n_rollouts, nx = plants[0].shape[:2]
     n_samples = pilot.shape[1]
     length = out.shape[1] * N_CHANNELS
-    at = _places(nx, law[0].shape[0])
+    at = places(nx, law[0].shape[0])
     w, which, target = address(work), address(iwork), address(out)
     commands = w + 8 * (at.loop + scratch(at.n))
     rates, is_gusty = commands + 8 * 2 * n_samples * WIDTH, gusts.state >= 0
     is_lagged, fade = hold.decays[0] != 0.0, splat(hold.decays[0])
     n_inputs = np.int64(5 if is_gusty else 4 if is_lagged else 2)
     seat = seats(in_loop, rates + 8 * gusts.sideslip.shape[1] * WIDTH)
+    rate = at.rate if surfaces is None else at.inputs + gusts.state * WIDTH
     for base in range(first, last, WIDTH):
         place_lanes(which, base, n_rollouts, length)
-        if not _begin(w, at, plants, law, bandwidth, hold, gusts.state, n_inputs, which):
+        about = plants, law, bandwidth, surfaces, hold, gusts.state, n_inputs
+        if not _begin(w, at, *about, which):
             return base
         if base == first or pilot.shape[0] > 1:
             gather_commands(pilot, which, commands)
@@ -298,15 +384,20 @@ def roll_out_linear(
             if seat.n_axes > 0:
                 steer_lanes(seat, np.int64(0), w, at.rows, z, nx + 2, which, commands, k)
             take_command(w, commands, 2 * k * WIDTH, at.u, at.e)
+            if surfaces is not None and surfaces.half_fade == 0.0:
+                clear(w, at.e, 2)
             for _ in range(hold.substeps):
                 if is_gusty:
-                    store(w, at.rate, load(rates, begun * WIDTH))
+                    store(w, rate, load(rates, begun * WIDTH))
                     begun += 1
                 following = at.z + filled * at.line
-                _advance(w, at, n_inputs, z, following)
-                if is_lagged:
-                    store(w, at.e, multiply(fade, load(w, at.e)))
-                    store(w, at.e + WIDTH, multiply(fade, load(w, at.e + WIDTH)))
+                if surfaces is not None:
+                    _integrate(w, at, z, following, nx, surfaces, hold.step)
+                else:
+                    _advance(w, at, n_inputs, z, following)
+                    if is_lagged:
+                        store(w, at.e, multiply(fade, load(w, at.e)))
+                        store(w, at.e + WIDTH, multiply(fade, load(w, at.e + WIDTH)))
                 z = following
                 filled += 1
                 if filled == SAMPLES:

@@ -14,7 +14,6 @@ from core.simulation import rollout
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import (
     CONTROL_LAWS,
-    FEEDBACK,
     Actuator,
     Controller,
     NoFeedback,
@@ -289,22 +288,9 @@ def test_command_acts_after_its_sample():
 @pytest.mark.parametrize("n_samples", [1, 2, 3, 4, 5, 8, 9])
 def test_every_length_is_written_completely(n_samples):
     pilot = np.full((1, n_samples, 2), 0.1)
-    out = np.full((17, n_samples, 6), np.nan)
     long = roll_out(draw(17), NONE, Actuator(), np.full((1, 12, 2), 0.1), DT)
-    roll_out(draw(17), NONE, Actuator(), pilot, DT, out=out)
+    out = roll_out(draw(17), NONE, Actuator(), pilot, DT)
     np.testing.assert_array_equal(out, long[:, :n_samples])
-
-
-def test_out_is_written_and_returned():
-    plants, controller = draw(10), DAMPER.controller(F16[3])
-    out = np.full((10, 121, 6), np.nan)
-    guarded = np.full((12, 121, 6), 7.0)
-    expected = roll_out(plants, controller, Actuator(), doublet(), DT)
-    assert roll_out(plants, controller, Actuator(), doublet(), DT, out=out) is out
-    np.testing.assert_array_equal(out, expected)
-    roll_out(plants, controller, Actuator(), doublet(), DT, out=guarded[1:11])
-    np.testing.assert_array_equal(guarded[1:11], expected)
-    assert (guarded[[0, -1]] == 7.0).all()
 
 
 AMPLITUDES = st.lists(st.floats(-0.5, 0.5), min_size=24, max_size=24)
@@ -402,24 +388,15 @@ def bad_inputs():
     nan[2, 0, 0] = np.nan
     fast = plants.a.copy()
     fast[1] = 1e300
-    phi = Controller(NONE.a, NONE.b, NONE.c, np.full((2, len(FEEDBACK)), 0.1))
     return [
-        ({"plants": changed(plants, a=plants.a[0])}, r"plants.a has shape \(3, 3\)"),
-        ({"plants": changed(plants, b=plants.b[:2])}, r"plants.b .* it needs \(4, 3, 2\)"),
-        ({"plants": changed(plants, d=plants.d[:, :5])}, "plants.d has shape"),
+        ({"plants": changed(plants, a=plants.a[:, :2])}, r"the shapes \(\(4, 2, 3\)"),
+        ({"plants": changed(plants, b=plants.b[:2])}, r"give \(\(4, 3, 3\), \(4, 3, 2\)"),
+        ({"plants": changed(plants, d=plants.d[:, :5])}, r"\(4, 5, 2\)"),
         ({"plants": changed(plants, c=nan)}, "plant 2 holds numbers that are not finite"),
         ({"plants": changed(plants, a=fast)}, "a plant among 0 to 3 is too fast for steps of"),
-        ({"controller": phi}, "feeds back phi, but the plant has 3 states"),
-        ({"controller": NONE._replace(d=np.zeros((2, 6)))}, "controller.d has shape"),
-        ({"controller": NONE._replace(d=np.full((2, 7), np.inf))}, "controller.d holds numbers"),
-        ({"pilot": pilot[0]}, r"pilot has shape \(121, 2\); it needs \(1 or 4, n_samples, 2\)"),
-        ({"pilot": np.repeat(pilot, 3, axis=0)}, "pilot has shape"),
-        ({"pilot": pilot * np.nan}, "pilot holds commands that are not finite"),
-        ({"dt": 0.0}, "dt is 0.0 s; give a finite step"),
-        ({"pedal_lag_s": -0.1}, "pedal_lag_s is -0.1 s"),
-        ({"substeps": 0}, "substeps is 0; give a whole number"),
-        ({"out": np.empty((4, 121, 5))}, r"out has shape \(4, 121, 5\).*it needs \(4, 121, 6\)"),
-        ({"out": np.empty((4, 121, 6), np.float32)}, "float32; it needs"),
+        ({"controller": NONE._replace(d=np.zeros((2, 6)))}, r"\(2, 6\)"),
+        ({"pilot": pilot[0]}, r"commands \(121, 2\): give .* \(1 or 4, n_samples, 2\)"),
+        ({"pilot": np.repeat(pilot, 3, axis=0)}, "commands"),
     ]  # fmt: skip
 
 
