@@ -35,7 +35,7 @@ def run(options: argparse.Namespace) -> int:
     """Returns 1 where no recording could be scored."""
     from app.jobs.cluster import executor_at  # slow to import
     from app.recordings.archive import ArchiveRequest, score_archive
-    from app.recordings.result_folder import is_url, result_folder
+    from app.recordings.remote_files import is_url, result_folder
 
     if options.out is None:
         raise ValueError("no folder for the results is given: give --out DIR")

@@ -36,11 +36,7 @@ from app.assessment.outcome import WITHOUT_VERDICT
 from app.messages import limited_channels
 from app.recordings.exports import EXPORTS, ExportColumn, columns
 from app.recordings.files import digest_of
-from app.recordings.result_folder import (
-    RemoteFile,
-    ResultFolder,
-    remote_files,
-)
+from app.recordings.remote_files import RemoteFile, remote_files
 from app.recordings.scored import scoring_fields
 from app.recordings.scored_file import Scored, ScoreRequest, labels, load_monitors, score_file
 from app.store.tables import now
@@ -51,6 +47,7 @@ from app.telemetry.readers import isolation
 from core import __version__
 from core.monitor import Monitor
 from core.tasks import Tasks
+from core.whole_file import write_whole
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -108,7 +105,7 @@ class ArchiveRequest:
     """
 
     score: ScoreRequest
-    out: ResultFolder
+    out: Path
     aircraft: str | None = None
     workers: int = 1
     url: str = ""
@@ -234,7 +231,7 @@ class ArchiveScorer:
                 scored = score_file(request, monitors=self._monitors)
                 size = file.path.stat().st_size
         except Exception as error:  # whatever is wrong with one file, the others are scored
-            self._request.out.delete(file.record)
+            (self._request.out / file.record).unlink(missing_ok=True)
             return {"flight": file.flight, "error": _reason(error, file)}
         confidence = {"mapping_confidence": _confidence(scored.proposal)}
         rows = [
@@ -250,7 +247,7 @@ class ArchiveScorer:
             "request": self._request.score.recipe.to_plain(),
             "details": [self._details(each) for each in scored.scored],
         }
-        self._request.out.write(file.record, json_codec.encode(record | details))
+        _write(self._request.out / file.record, json_codec.encode(record | details))
         return record
 
     def _key(self, content: str) -> str:
@@ -291,7 +288,7 @@ class ArchiveScorer:
         of_samples = columns(samples, scored.monitor.dictionary, always_attitude=True)
         content = BytesIO()
         EXPORTS["parquet"].write([of_flight, *of_samples], about, content)
-        self._request.out.write(path, content.getvalue())
+        _write(self._request.out / path, content.getvalue())
         return row
 
 
@@ -358,7 +355,7 @@ def score_archive(
     if not files:
         raise ValueError(f"{request.source} holds no files: give a folder of recordings")
     out = request.out
-    stored = out.names(RECORDS, ".json")
+    stored = _names(out, RECORDS, ".json")
     present = {file.record for file in files}
     if stored and not stored & present:
         raise ValueError(
@@ -370,7 +367,7 @@ def score_archive(
             "give all its monitors, or another --out"
         )
     for name in stored - present:
-        out.delete(name)
+        (out / name).unlink()
     copies = _copies(files)
     results: list[dict[str, Any]] = [
         {"flight": flight, "copy_of": first} for flight, first in copies.items()
@@ -382,15 +379,26 @@ def score_archive(
     results.sort(key=lambda result: result["flight"])
     rows = [row for result in results for row in result.get("scorings", ())]
     about = scorer.about()
-    out.write("summary.parquet", _table(rows, SUMMARY, about))
-    out.write("files.parquet", _table(results, FILES, about))
-    for name in out.names(SAMPLES, ".parquet") - {row["samples"] for row in rows}:
-        out.delete(name)
+    _write(out / "summary.parquet", _table(rows, SUMMARY, about))
+    _write(out / "files.parquet", _table(results, FILES, about))
+    for name in _names(out, SAMPLES, ".parquet") - {row["samples"] for row in rows}:
+        (out / name).unlink()
     failed = {each["flight"]: each["error"] for each in results if "error" in each}
     unchanged = sum(bool(each.get("is_unchanged")) for each in results)
     n_scored = len(results) - len(failed) - len(copies) - unchanged
     doubted = len({row["flight"] for row in rows if is_guess(row["mapping_confidence"])})
     return Archived(n_scored, unchanged, doubted, failed, copies)
+
+
+def _names(out: Path, below: str, ending: str) -> set[str]:
+    """Names of the files below one of the folders of an archive; empty if there is none."""
+    return {path.relative_to(out).as_posix() for path in (out / below).rglob(f"*{ending}")}
+
+
+def _write(path: Path, content: bytes) -> None:
+    """Write a file whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(path, content)
 
 
 def is_guess(confidence: float | None) -> bool:
@@ -406,12 +414,12 @@ def _confidence(proposal: Proposal | None) -> float | None:
     return min((rationale.confidence for rationale in each if rationale), default=None)
 
 
-def _monitors_in(out: ResultFolder) -> set[str]:
+def _monitors_in(out: Path) -> set[str]:
     """Files of the monitors whose results a folder holds."""
     from pyarrow.parquet import read_schema
 
     with suppress(OSError, ValueError):
-        about = stored_about(read_schema(BytesIO(out.read("files.parquet"))))
+        about = stored_about(read_schema(out / "files.parquet"))
         return {monitor["file"] for monitor in about.get("monitors", ())}
     return set()
 
@@ -422,7 +430,7 @@ def stored_about(schema: "pa.Schema") -> dict[str, Any]:
 
 
 def _files(request: ArchiveRequest) -> Iterator[ArchiveFile]:
-    out = request.out.path
+    out = request.out
     if out.is_file():
         raise ValueError(f"{out} is a file: give a folder for the results")
     if request.url:
@@ -521,16 +529,16 @@ def _score(packed: bytes, file: ArchiveFile) -> dict[str, Any]:
     return _opened(packed)(file)
 
 
-def read_record(out: ResultFolder, name: str) -> dict[str, Any]:
+def read_record(out: Path, name: str) -> dict[str, Any]:
     """The stored record of a flight; empty if there is none, or if its samples are missing."""
     try:
-        record = json.loads(out.read(name))
+        record = json.loads((out / name).read_bytes())
         samples = [row["samples"] for row in record["scorings"]]
     except (OSError, ValueError, KeyError, TypeError):
         return {}
     for name in DETAILS:
         record.pop(name, None)
-    return record if all(map(out.has, samples)) else {}
+    return record if all((out / name).is_file() for name in samples) else {}
 
 
 def _reason(error: Exception, file: ArchiveFile) -> str:

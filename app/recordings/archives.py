@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
-from io import BytesIO
+from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -28,7 +28,7 @@ from app.recordings.archive import (
     stored_about,
 )
 from app.recordings.exports import ANGLES
-from app.recordings.result_folder import ResultFolder, result_folder
+from app.recordings.remote_files import result_folder
 from app.recordings.scoring_answers import tiled, worded
 from app.recordings.tiles import Samples, make_tiles, window_between
 from app.store.repository import NotFound
@@ -76,18 +76,18 @@ class ArchiveTables:
 class ScoredArchive:
     """The results in one folder."""
 
-    def __init__(self, folder: ResultFolder) -> None:
+    def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.id = hashlib.sha256(str(folder).encode()).hexdigest()[:ID_LETTERS]
         self._lock = Lock()
-        self._stamp: list[str] = []
+        self._stamp: list[tuple[int, ...]] = []
         self._tables: ArchiveTables | None = None
 
     def tables(self) -> ArchiveTables:
         """ArchiveError if the folder does not hold both tables of one run."""
         with self._lock:
             try:
-                stamp = [self.folder.stamp(name) for name in TABLES]
+                stamp = [_stamp(self.folder / name) for name in TABLES]
                 if self._tables is None or stamp != self._stamp:
                     self._tables = self._read()
                     self._stamp = stamp
@@ -103,7 +103,7 @@ class ScoredArchive:
         copies = len(tables.files) - tables.files["copy_of"].null_count
         return tables.about | {
             "id": self.id,
-            "name": self.folder.path.name,
+            "name": self.folder.name,
             "folder": str(self.folder),
             "problem": "",
             "n_flights": len(tables.files) - failed - copies,
@@ -178,11 +178,9 @@ class ScoredArchive:
         """Bins of a scoring's samples, as a scored recording's. As `flight`."""
         flight = self.flight(flight_id, monitor)
         name = flight["samples"]
-        if name.startswith("/") or ".." in name.split("/"):
-            raise ArchiveError(f"{flight_id} names samples outside {self.folder}: score it again")
         keys = tuple(channel["key"] for channel in flight["channels"])
         try:
-            samples, made = _samples(self.folder, name, self.folder.stamp(name), keys)
+            samples, made = _samples(self._inside(name), _stamp(self.folder / name), keys)
         except (OSError, ValueError, KeyError) as error:
             raise ArchiveError(f"{self._again(flight['flight'])} ({error})") from None
         between = (
@@ -192,12 +190,19 @@ class ScoredArchive:
         window = window_between(samples, made, *between, bins)
         return tiled(flight["dt"], keys, samples, window)
 
+    def _inside(self, name: str) -> Path:
+        """Path of a file of the archive. PermissionError for a link out of its folder."""
+        path = (self.folder / name).resolve()
+        if not path.is_relative_to(self.folder.resolve()):
+            raise PermissionError(f"{name} is a link out of {self.folder}: replace it by the file")
+        return path
+
     def _read(self) -> ArchiveTables:
         import pyarrow as pa
         from pyarrow.parquet import ParquetFile
 
         try:
-            tables = [ParquetFile(BytesIO(self.folder.read(name))).read() for name in TABLES]
+            tables = [ParquetFile(self._inside(name)).read() for name in TABLES]
             about = [stored_about(table.schema) for table in tables]
         except pa.ArrowException as error:
             raise ArchiveError(f"{self.folder} is damaged: {error}: {SCORE_AGAIN}") from None
@@ -220,7 +225,7 @@ class ScoredArchive:
         name = f"{RECORDS}/{flight_id}.json"
         with suppress(FileNotFoundError):
             try:
-                record = json.loads(self.folder.read(name))
+                record = json.loads(self._inside(name).read_bytes())
                 return record if {"scorings", "details", "request"} <= record.keys() else {}[""]
             except (ValueError, KeyError, AttributeError):
                 raise ArchiveError(f"{name} is damaged: {SCORE_AGAIN}") from None
@@ -229,9 +234,9 @@ class ScoredArchive:
     def _why(self, error: OSError) -> str:
         if not isinstance(error, FileNotFoundError):
             return f"{self.folder} cannot be read: {error.strerror or error}"
-        if not self.folder.path.is_dir():
+        if not self.folder.is_dir():
             return f"there is no folder {self.folder}: check --archive and FOREWARN_ARCHIVES"
-        if (self.folder.path / RECORDS).is_dir():
+        if (self.folder / RECORDS).is_dir():
             return f"{self.folder} is not scored to the end: {SCORE_AGAIN}"
         return (
             f"{self.folder} holds no results of `forewarn score-archive`: give the folder of its "
@@ -240,6 +245,12 @@ class ScoredArchive:
 
     def _again(self, flight: str) -> str:
         return f"{flight} is being scored again, or was: {SCORE_AGAIN}"
+
+
+def _stamp(path: Path) -> tuple[int, ...]:
+    """Changes with the content of a file. OSError."""
+    about = path.stat()
+    return about.st_mtime_ns, about.st_size, about.st_ino
 
 
 class Archives:
@@ -268,7 +279,7 @@ def _about(archive: ScoredArchive) -> dict[str, Any]:
     try:
         return archive.about()
     except ArchiveError as error:
-        place = {"name": archive.folder.path.name, "folder": str(archive.folder)}
+        place = {"name": archive.folder.name, "folder": str(archive.folder)}
         return {"id": archive.id, **place, "problem": str(error)}
 
 
@@ -299,9 +310,7 @@ def _chosen(table: "pa.Table", wanted: ArchiveFilter) -> "pa.Table":
 
 
 @lru_cache(maxsize=4)
-def _samples(
-    folder: ResultFolder, name: str, _stamp: str, keys: tuple[str, ...]
-) -> tuple[Samples, Samples]:
+def _samples(path: Path, _stamp: tuple[int, ...], keys: tuple[str, ...]) -> tuple[Samples, Samples]:
     """Samples of a scoring and their tiles. KeyError; ValueError; OSError.
 
     _stamp: of the file, so that it is read again once that has changed. A page asks for many
@@ -309,7 +318,7 @@ def _samples(
     """
     from pyarrow.parquet import ParquetFile
 
-    table = ParquetFile(BytesIO(folder.read(name))).read()
+    table = ParquetFile(path).read()
     samples = np.empty(len(table), sample_type(len(keys)))
 
     def values(name: str) -> Any:

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from app.recordings.archive import ArchiveRequest, score_archive
-from app.recordings.result_folder import ResultFolder
 from app.recordings.scored_file import ScoreRequest, load_monitors, score_file
 from app.telemetry.readers import isolation, worker
 from core.planned_test.planned_test import LateralSimulator
@@ -46,7 +45,7 @@ def test_an_archive_against_reading_and_scoring(source: Path, tmp_path: Path) ->
     monitors = load_monitors(request)
 
     def archive() -> None:
-        done = score_archive(ArchiveRequest(request, ResultFolder(tmp_path / f"out{next(runs)}")))
+        done = score_archive(ArchiveRequest(request, tmp_path / f"out{next(runs)}"))
         assert (done.scored, done.failed) == (N_FILES, {})
 
     def read_and_score() -> None:

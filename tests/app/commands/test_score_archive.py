@@ -21,7 +21,6 @@ import pytest
 from app.cli import main
 from app.recordings import archive
 from app.recordings.archive import ArchiveRequest, month_of, summary_of
-from app.recordings.result_folder import ResultFolder
 from app.recordings.scored_file import Scored, ScoreRequest
 from app.telemetry.readers import isolation
 from core.channels import KEYS
@@ -275,7 +274,7 @@ def test_a_cluster_gives_the_tables_of_one_process(
 
 def test_a_worker_keeps_its_readers(source: Path, tmp_path: Path) -> None:
     score = ScoreRequest((MONITOR_FILE,), source)
-    packed = pickle.dumps(ArchiveRequest(score, ResultFolder(tmp_path / "out")))
+    packed = pickle.dumps(ArchiveRequest(score, tmp_path / "out"))
     archive._opened(packed)
     gc.collect()
     assert isolation._keeping

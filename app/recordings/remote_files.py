@@ -1,4 +1,4 @@
-"""Places of an archive: recordings at a URL that fsspec opens, and the folder of the results."""
+"""Recordings of an archive at a URL that fsspec opens, such as s3://bucket/folder."""
 
 import hashlib
 from collections.abc import Iterator
@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import Any
-
-from core.whole_file import write_whole
 
 CHANGES = ("etag", "md5", "checksum", "mtime", "modified", "created", "updated")
 """Parts of the names of metadata that changes with a file's content."""
@@ -88,49 +86,7 @@ def opened(url: str) -> tuple[Any, str]:
         ) from None
 
 
-@dataclass(frozen=True)
-class ResultFolder:
-    """The results of an archive; files are named by their paths in it.
-
-    Results are written whole or not at all. Each method raises OSError; FileNotFoundError for a
-    file that does not exist.
-    """
-
-    path: Path
-
-    def __str__(self) -> str:
-        return str(self.path)
-
-    def read(self, name: str) -> bytes:
-        path = (self.path / name).resolve()
-        if not path.is_relative_to(self.path.resolve()):
-            raise PermissionError(f"{name} is a link out of {self.path}: replace it by the file")
-        return path.read_bytes()
-
-    def write(self, name: str, content: bytes) -> None:
-        path = self.path / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, content)
-
-    def delete(self, name: str) -> None:
-        (self.path / name).unlink(missing_ok=True)
-
-    def names(self, below: str, ending: str) -> set[str]:
-        """Names of the files below one of its folders, empty if there is none."""
-        paths = (self.path / below).rglob(f"*{ending}")
-        return {path.relative_to(self.path).as_posix() for path in paths}
-
-    def stamp(self, name: str) -> str:
-        """Changes with the content of a file."""
-        about = (self.path / name).stat()
-        return f"{about.st_mtime_ns} {about.st_size} {about.st_ino}"
-
-    def has(self, name: str) -> bool:
-        """Whether there is a file of this name."""
-        return (self.path / name).is_file()
-
-
-def result_folder(place: str) -> ResultFolder:
+def result_folder(place: str) -> Path:
     if is_url(place):
         raise ValueError(f"the results are at the URL {place}: give a folder of this machine")
-    return ResultFolder(Path(place).expanduser().absolute())
+    return Path(place).expanduser().absolute()
