@@ -36,7 +36,7 @@ PlainLimits = dict[str, float | SafeInterval | None]
 class Message(BaseModel):
     """A message or part of one; unknown fields are errors."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", use_attribute_docstrings=True)
 
     def encode(self) -> str:
         return self.model_dump_json()
@@ -66,28 +66,24 @@ class ChannelLimit(Message):
 class Verdict(Message):
     """How a flight was warned of the limit that it exceeded; of a replay, as its recording."""
 
-    exceeded_t: float | None = Field(
-        description="[s] of the exceedance; null where only data missing leave it unknown"
-    )
+    exceeded_t: float | None
+    """[s] of the exceedance; null where only data missing leave it unknown"""
     lead: float | None = Field(description="[s] from the first risk alarm to it; null without one")
     text: str = Field(description="for people")
-    warning: str = Field(
-        default="", description="`Warned 0.45 s before the limit` or `Missed: ...`; else empty"
-    )
+    warning: str = ""
+    """`Warned 0.45 s before the limit` or `Missed: ...`; else empty"""
 
 
 class LimitsFrom(Message):
     """Limits in force during part of a flight."""
 
-    t: float | None = Field(
-        description="time of the first sample under them [s]; null for all samples. Of limits put "
-        "in force by hand, one sample interval after the newest until the next comes"
-    )
+    t: float | None
+    """time of the first sample under them [s]; null for all samples. Of limits put in force by
+    hand, one sample interval after the newest until the next comes"""
     limits: PlainLimits | None = Field(description="by channel; null if unknown")
     seq: int | None = Field(default=None, description="first sample, in a record; else null")
-    monitor: str = Field(
-        default="", description="id of the monitor in use, of a monitor set; else empty"
-    )
+    monitor: str = ""
+    """id of the monitor in use, of a monitor set; else empty"""
 
     @model_validator(mode="before")
     @classmethod
@@ -120,14 +116,11 @@ class SampleState(Message):
 
     state: State
     reason: str
-    cause: Cause | None = Field(
-        default=None,
-        description="why it is invalid: outside every manoeuvre, needed channels `missing`, the "
-        "sample `lost` to its time or an implausible value, or the limits in force are not "
-        "the monitor's (`not_applicable`) or unknown; null for its validity; of a live flight that "
-        "warms up between manoeuvres: trim is measured (`rest`), something moves, or `ready` for "
-        "an input",
-    )
+    cause: Cause | None = None
+    """why it is invalid: outside every manoeuvre, needed channels `missing`, the sample `lost` to
+    its time or an implausible value, or the limits in force are not the monitor's
+    (`not_applicable`) or unknown; null for its validity; of a live flight that warms up between
+    manoeuvres: trim is measured (`rest`), something moves, or `ready` for an input"""
 
 
 class SampleAssessment(SampleState):
@@ -193,29 +186,19 @@ class Frame(SampleAssessment):
     t: float | None
     y: Outputs
     y_hat: Outputs | None
-    sent: float | None = Field(
-        description="monotonic milliseconds of the server when it was due; null in a record"
-    )
-    sensor: dict[str, float] = Field(
-        default_factory=dict,
-        description="as recorded, the limited channels that the subtracted trim changes by at "
-        "least 20 % of the limit; absent if there is none",
-    )
-    taken: float | None = Field(
-        default=None,
-        description="of a live source: as `sent`, but when the sample was taken; else absent",
-    )
-    attitude: tuple[float | None, float | None, float | None] = Field(
-        default=(None, None, None),
-        description="bank, pitch and heading [rad] for display; absent if all are unknown",
-    )
-    integrated: bool = Field(
-        default=False, description="whether an angle is integrated from rates, not measured"
-    )
-    ahead: CardAhead | None = Field(
-        default=None,
-        description="with some samples of a test card that the monitor knows; else absent",
-    )
+    sent: float | None
+    """monotonic milliseconds of the server when it was due; null in a record"""
+    sensor: dict[str, float] = Field(default_factory=dict)
+    """as recorded, the limited channels that the subtracted trim changes by at least 20 % of the
+    limit; absent if there is none"""
+    taken: float | None = None
+    """of a live source: as `sent`, but when the sample was taken; else absent"""
+    attitude: tuple[float | None, float | None, float | None] = (None, None, None)
+    """bank, pitch and heading [rad] for display; absent if all are unknown"""
+    integrated: bool = False
+    """whether an angle is integrated from rates, not measured"""
+    ahead: CardAhead | None = None
+    """with some samples of a test card that the monitor knows; else absent"""
     display: list[SampleAssessment] = Field(default_factory=list, description="if any")
 
 
@@ -251,29 +234,20 @@ class LiveStatus(Message):
     manoeuvre: int = Field(description="number of the current one; 0 for none")
     trim: Literal["detected", "none"]
     begun: list[ManoeuvreBegun] = Field(default_factory=list, description="newest ones, in order")
-    trims: list[TrimChange] | None = Field(
-        default=None,
-        description="where the subtracted trim of a limited channel changed, newest ones, in "
-        "order; before the first, values are as recorded; null where the source sends from trim",
-    )
+    trims: list[TrimChange] | None = None
+    """where the subtracted trim of a limited channel changed, newest ones, in order; before the
+    first, values are as recorded; null where the source sends from trim"""
     late: list[LateInterval] = Field(default_factory=list, description="newest ones, in order")
     resumed: int = Field(default=0, description="times that it was resumed after a crash")
-    time_zero: str = Field(
-        default="",
-        description="UTC of the source's time zero, ISO 8601, by the arrival of the fastest batch; "
-        "empty before the first sample, and where the server did not keep it",
-    )
+    time_zero: str = ""
+    """UTC of the source's time zero, ISO 8601, by the arrival of the fastest batch; empty before
+    the first sample, and where the server did not keep it"""
     needed: list[str] = Field(description="channels that the monitors need")
     names: list[str] = Field(description="names that a batch contains, time first")
-    conditions: list[ConditionSignal] = Field(
-        default_factory=list,
-        description="channels of the flight condition that the limits or the monitor depend on",
-    )
-    condition: dict[ConditionKey, float | str] = Field(
-        default_factory=dict,
-        description="newest values as sent, in SI units; without one `missing`, `implausible` or "
-        "`stale`",
-    )
+    conditions: list[ConditionSignal] = Field(default_factory=list)
+    """channels of the flight condition that the limits or the monitor depend on"""
+    condition: dict[ConditionKey, float | str] = Field(default_factory=dict)
+    """newest values as sent, in SI units; without one `missing`, `implausible` or `stale`"""
     batches: int = Field(description="batches received, without repetitions")
     last_sequence: int | None = Field(description="largest number received; null for none")
     malformed: int = Field(description="messages that were no valid batch or reused a number")
@@ -285,13 +259,10 @@ class LiveStatus(Message):
     unread: list[str] = Field(default_factory=list, description="names in batches not read")
     udp: str | None = Field(description="host:port for datagrams; null for none")
     problem: str = Field(description="why the journal is not being written; empty if it is")
-    drift: int = Field(
-        default=0, description="of the source's clock [1e-6], at most 100; 0 in the first minutes"
-    )
-    doubts: list[str] = Field(
-        default_factory=list,
-        description="why the newest samples may not show the aircraft; also advisories",
-    )
+    drift: int = 0
+    """of the source's clock [1e-6], at most 100; 0 in the first minutes"""
+    doubts: list[str] = Field(default_factory=list)
+    """why the newest samples may not show the aircraft; also advisories"""
 
 
 @dataclass(frozen=True)
@@ -315,9 +286,8 @@ class SetCondition(Message):
     """A flight condition of a monitor set, and its monitor."""
 
     name: str
-    ranges: dict[ConditionKey, Range] = Field(
-        description="from the first number to below the second, in SI units; null for no bound"
-    )
+    ranges: dict[ConditionKey, Range]
+    """from the first number to below the second, in SI units; null for no bound"""
     monitor: str = Field(description="id")
     monitor_name: str
     alert_above: float = Field(description="risk above which it alerts")
@@ -333,46 +303,33 @@ class MonitorSetStatus(Message):
     conditions: list[SetCondition]
     case: str = Field(default="", description="the condition that holds now; empty for none")
     reason: str = Field(default="", description="why no monitor is in use; empty if one is")
-    widest: dict[str, SafeInterval] = Field(
-        default_factory=dict,
-        description="by channel, the limits that every monitor of the set is within, where those "
-        "in force are unknown: only what is beyond them exceeds; else empty",
-    )
+    widest: dict[str, SafeInterval] = Field(default_factory=dict)
+    """by channel, the limits that every monitor of the set is within, where those in force are
+    unknown: only what is beyond them exceeds; else empty"""
 
 
 class Decided(Message):
     """The headline of a flight: the worst that is true of it."""
 
-    status: Status = Field(
-        description="headline, the worst of: exceeding now, alarm unacknowledged, "
-        "risk above the alert level, stale, invalid, caution unacknowledged or data missing, "
-        "paused or at the end of its source, no sample yet (`no_data`), warming up, "
-        "ended without an assessed sample, validity not calibrated, "
-        "limit exceeded earlier, exceedance predicted for the rest of the card (`no_alert`), ok"
-    )
+    status: Status
+    """headline, the worst of: exceeding now, alarm unacknowledged, risk above the alert level,
+    stale, invalid, caution unacknowledged or data missing, paused or at the end of its source, no
+    sample yet (`no_data`), warming up, ended without an assessed sample, validity not calibrated,
+    limit exceeded earlier, exceedance predicted for the rest of the card (`no_alert`), ok"""
     level: Level = Field(description="level of the headline as in 14 CFR 25.1322")
-    beside: list[Status] = Field(
-        description="`stale`, `invalid` and `paused` if true and not the headline"
-    )
-    exceeded_t: float | None = Field(
-        default=None,
-        description="time of the first exceedance [s], also after seeking back before it",
-    )
-    exceeded_as_recorded: bool = Field(
-        default=False,
-        description="whether the first exceedance in a flight under way is one of the value as "
-        "recorded, not from trim",
-    )
-    verdict: Verdict | None = Field(
-        default=None,
-        description="verdict on the warning of the exceedance, or that data were missing in an "
-        "ended flight; else null",
-    )
-    call: FlightMarker | None = Field(
-        default=None,
-        description="the call in force in a flight in progress, ABORT before KNOCK IT OFF; null "
-        "for none: it was cleared, or a manoeuvre began",
-    )
+    beside: list[Status]
+    """`stale`, `invalid` and `paused` if true and not the headline"""
+    exceeded_t: float | None = None
+    """time of the first exceedance [s], also after seeking back before it"""
+    exceeded_as_recorded: bool = False
+    """whether the first exceedance in a flight under way is one of the value as recorded, not from
+    trim"""
+    verdict: Verdict | None = None
+    """verdict on the warning of the exceedance, or that data were missing in an ended flight; else
+    null"""
+    call: FlightMarker | None = None
+    """the call in force in a flight in progress, ABORT before KNOCK IT OFF; null for none: it was
+    cleared, or a manoeuvre began"""
 
 
 class CurrentStatus(Decided):
@@ -407,15 +364,12 @@ class PlannedCard(Message):
     why: str = Field(default="", description="why there is no planned input; empty if there is")
     point: CardPoint | None = Field(default=None, description="null outside a campaign")
     inputs: list[CardInput] = Field(default_factory=list)
-    steps: list[float] = Field(
-        default_factory=list, description="times of the planned steps [s] from the first input"
-    )
-    length: float | None = Field(
-        default=None, description="from the first input to the end [s]; null if unknown"
-    )
-    rest: float | None = Field(
-        default=None, description="rest before an input, in which trim is measured [s]"
-    )
+    steps: list[float] = Field(default_factory=list)
+    """times of the planned steps [s] from the first input"""
+    length: float | None = None
+    """from the first input to the end [s]; null if unknown"""
+    rest: float | None = None
+    """rest before an input, in which trim is measured [s]"""
     airspeed: float | None = Field(default=None, description="true, of the model [m/s], if known")
     altitude: float | None = Field(default=None, description="of the model [m], if known")
 
@@ -427,21 +381,17 @@ class AuthorityFacts(Message):
     epsilon: float = Field(description="accepted miss rate")
     guarantee: Guarantee = Field(description="the miss rate holds on average, or for this monitor")
     n_unsafe: int
-    validity: Literal["checked", "not calibrated"] = Field(
-        description="`checked`: the flight becomes `invalid` when it is unlike those of training"
-    )
-    monitor: dict[str, str] | None = Field(
-        description="id and name; null while no monitor of the set is in use"
-    )
+    validity: Literal["checked", "not calibrated"]
+    """`checked`: the flight becomes `invalid` when it is unlike those of training"""
+    monitor: dict[str, str] | None
+    """id and name; null while no monitor of the set is in use"""
     monitors: list[FlownMonitor] = Field(description="the alarm authority, then those for display")
-    warnings: list[str] = Field(
-        description="reasons not to rely on the monitor: problem, colon, figures and remedy"
-    )
+    warnings: list[str]
+    """reasons not to rely on the monitor: problem, colon, figures and remedy"""
     card: PlannedCard | None = Field(default=None, description="null in older recorded messages")
     no_rest: str = Field(description="why it never forecasts the rest of a test card; else empty")
-    monitor_set: MonitorSetStatus | None = Field(
-        default=None, description="null for a flight with one alarm authority throughout"
-    )
+    monitor_set: MonitorSetStatus | None = None
+    """null for a flight with one alarm authority throughout"""
 
 
 class Hello(SampleState, CurrentStatus, AuthorityFacts):
@@ -453,9 +403,8 @@ class Hello(SampleState, CurrentStatus, AuthorityFacts):
     server_time: str
     lead: float = Field(description="lead time [s], less the longest wait of samples")
     dt: float
-    stale_after: float = Field(
-        description="[s] without a sample at speed 1; slower, at least three intervals as played"
-    )
+    stale_after: float
+    """[s] without a sample at speed 1; slower, at least three intervals as played"""
     ahead: CardAhead | None = Field(description="forecast at sample `head`, as in a frame")
     no_plan: str = Field(default="", description="why the scene has no planned flight; else empty")
     source: dict[str, Any]
@@ -463,22 +412,16 @@ class Hello(SampleState, CurrentStatus, AuthorityFacts):
     theta: dict[str, float] | None
     fail_t: float | None = Field(description="when the source exceeds a limit [s], if known")
     duration: float | None = Field(description="of the source [s]; null for a live one")
-    planned_s: float | None = Field(
-        default=None, description="length of the planned manoeuvre [s]; null if unknown"
-    )
-    begun: list[ManoeuvreBegun] = Field(
-        default_factory=list,
-        description="the inputs of a source that is known from start to end; of a live one as in "
-        "`live`",
-    )
-    trims: list[TrimChange] | None = Field(
-        default=None, description="as in `live`, of a source that is known from start to end"
-    )
+    planned_s: float | None = None
+    """length of the planned manoeuvre [s]; null if unknown"""
+    begun: list[ManoeuvreBegun] = Field(default_factory=list)
+    """the inputs of a source that is known from start to end; of a live one as in `live`"""
+    trims: list[TrimChange] | None = None
+    """as in `live`, of a source that is known from start to end"""
     transport: TransportState
     exceedances: list[ChannelExceedances] = Field(description="exceedances so far, per channel")
-    held: list[LimitsFrom] = Field(
-        description="newest changes of the limits; empty if `channels` has those of all samples"
-    )
+    held: list[LimitsFrom]
+    """newest changes of the limits; empty if `channels` has those of all samples"""
     head: int = Field(description="newest seq; -1 before the first sample")
     alarms: list[Alarm] = Field(description="unacknowledged ones, and the last acknowledged")
     markers: list[FlightMarker] = Field(description="those not stored yet, and the last stored")
@@ -568,9 +511,8 @@ class ScreensChange(Message):
 
     type: Literal["screens"] = "screens"
     screens: list[Screen] = Field(description="those connected now")
-    leader: Screen | None = Field(
-        description="the one that leads; gone if it is not among them; null before one has steered"
-    )
+    leader: Screen | None
+    """the one that leads; gone if it is not among them; null before one has steered"""
 
 
 class Reset(Message):
@@ -579,10 +521,8 @@ class Reset(Message):
     type: Literal["reset"] = "reset"
     seq: int
     t: float = Field(description="[s] where the flight began or was sought, with sample `since`")
-    since: int = Field(
-        default=0,
-        description="first sample of the same strips; those up to `seq` are at /assessments",
-    )
+    since: int = 0
+    """first sample of the same strips; those up to `seq` are at /assessments"""
     held: list[LimitsFrom] = Field(default_factory=list, description="as in hello, by now")
 
 
@@ -644,10 +584,9 @@ class Welcome(Message):
 
     type: Literal["welcome"] = "welcome"
     flight: str
-    last_sequence: int | None = Field(
-        description="largest number of a received batch; null before the first. A source without a "
-        "buffer continues with the next number; one with a buffer repeats all that was not `stored`"
-    )
+    last_sequence: int | None
+    """largest number of a received batch; null before the first. A source without a buffer
+    continues with the next number; one with a buffer repeats all that was not `stored`"""
     names: list[str] = Field(description="names that a batch contains, time first")
 
 
@@ -666,10 +605,9 @@ class Refused(Message):
 
     type: Literal["refused"] = "refused"
     sequence: int | None = Field(description="number of the batch; null if it has none")
-    status: Literal[409, 422, 503] = Field(
-        description="as over REST. 409: the number belongs to another batch; 422: not a valid "
-        "batch, ignored; 503: the disk refuses writes, repeat it later"
-    )
+    status: Literal[409, 422, 503]
+    """as over REST. 409: the number belongs to another batch; 422: not a valid batch, ignored; 503:
+    the disk refuses writes, repeat it later"""
     reason: str
 
 
@@ -682,9 +620,8 @@ class SentBatch(BaseModel):
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, Values | dict[str, Values]]  # pyright: ignore[reportIncompatibleVariableOverride]
 
-    sequence: int | None = Field(
-        default=None, ge=0, description="number of the batch; a repetition is used once"
-    )
+    sequence: int | None = Field(default=None, ge=0)
+    """number of the batch; a repetition is used once"""
 
 
 DOWN: tuple[type[Message], ...] = (
