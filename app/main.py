@@ -117,6 +117,7 @@ class Application(FastAPI):
     def openapi(self) -> dict[str, Any]:
         if self.openapi_schema is None:
             document = super().openapi()
+            flight_sockets.describe_streams(document)
             describe_problems(document)
             describe_keys(document)
             describe_examples(document)

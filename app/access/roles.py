@@ -19,7 +19,6 @@ SAMPLES = f"POST {FLIGHT}/samples"
 
 READABLE = (
     "archives",
-    "asyncapi.json",
     "campaigns",
     "catalog",
     "datasets",

@@ -4,7 +4,7 @@ import re
 from typing import Any
 
 TAGS = {
-    "catalog": "Families, recipes, channels and formats; the WebSocket streams.",
+    "catalog": "Families, recipes, channels and formats.",
     "datasets": "Labelled simulated flights for training monitors.",
     "monitors": "Trained and calibrated monitors; immediate scoring of telemetry.",
     "limit sets": "Versioned limits that a flight puts in force.",

@@ -9,7 +9,7 @@ from app.http.problems import Problem, problem_responses
 from app.messages import ChannelLimit
 from app.recordings.archive import Count
 from app.recordings.archives import ArchiveFilter, Archives, FilesState, ScoredArchive
-from app.routes.dependencies import PAGED, Finite, ListPart, PartDep, json_response, part
+from app.routes.dependencies import PAGED, Described, Finite, ListPart, PartDep, json_response, part
 from app.routes.scorings import MOST_BINS, Tiles
 
 router = APIRouter(prefix="/api/v1/archives", tags=["archives"])
@@ -50,7 +50,7 @@ class ArchiveInfo(BaseModel):
     months: list[str] = Field(default=[], description="as YYYY-MM, the first 1000")
 
 
-class ArchiveCounts(BaseModel):
+class ArchiveCounts(Described):
     """Counts of manoeuvres, except of samples and `alerts`, which are runs of alerts.
 
     manoeuvres = warned_in_time + warned_late + misses + false_alarms + quiet + no_verdict. An
@@ -63,11 +63,9 @@ class ArchiveCounts(BaseModel):
     n_samples: int
     manoeuvres: int
     exceedances: int = Field(description="from trim")
-    exceedances_as_recorded: int | None = Field(
-        default=None,
-        description="as recorded only, not from trim; null if scored by version 0.2.0 or earlier, "
-        "which counts them in `exceedances`",
-    )
+    exceedances_as_recorded: int | None = None
+    """as recorded only, not from trim; null if scored by version 0.2.0 or earlier, which counts
+    them in `exceedances`"""
     exceedances_outside: int = Field(description="outside every manoeuvre")
     alerts: int
     warned_in_time: int
@@ -96,10 +94,8 @@ class ArchiveRow(ArchiveCounts):
     epsilon: float
     start: float | None = Field(description="[s]")
     end: float | None = Field(description="[s]")
-    mapping_confidence: float | None = Field(
-        default=None,
-        description="the least in a channel of a proposed mapping, 0 to 1; null if it was given",
-    )
+    mapping_confidence: float | None = None
+    """the least in a channel of a proposed mapping, 0 to 1; null if it was given"""
     samples: str = Field(description="path of the samples in the archive")
     mapping_is_guess: bool = Field(description="its confidence is low: check the mapping")
 
@@ -121,9 +117,8 @@ class ArchiveFlight(ArchiveRow):
     time_zero: str = Field(description="zero of the times, as of a scoring")
     notes: list[str] = Field(description="assumptions and processing steps, in order")
     quality: dict[str, Any] | None = Field(description="as of a scoring")
-    manoeuvres: list[dict[str, Any]] = Field(  # pyright: ignore[reportIncompatibleVariableOverride]
-        description="manoeuvres with trim, validity, alerts, exceedance and outcome"
-    )
+    manoeuvres: list[dict[str, Any]]  # pyright: ignore[reportIncompatibleVariableOverride]
+    """manoeuvres with trim, validity, alerts, exceedance and outcome"""
     outside_exceedances: list[dict[str, Any]]
     limits_in_force: list[dict[str, Any]] | None
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends
 from fastapi.responses import HTMLResponse
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
 from app.access.people import Person
 from app.assessment.segments import Interval
@@ -31,6 +31,7 @@ from app.report.strip_chart import styled
 from app.routes.dependencies import (
     PAGE_TO_PRINT,
     By,
+    Described,
     Finite,
     JobsDep,
     PersonDep,
@@ -51,7 +52,7 @@ from core.bounds import quoted
 router = APIRouter(prefix="/api/v1/campaigns", tags=["campaigns"])
 
 
-class Decision(BaseModel):
+class Decision(Described):
     """A decision on the next point."""
 
     model_config = ConfigDict(
@@ -66,21 +67,17 @@ class Decision(BaseModel):
 class ClearanceDecision(Decision):
     """A clearance to compute."""
 
-    with_monitor: bool = Field(
-        default=False,
-        description="whether the point's monitor, trained afterwards, is a part of the clearance: "
-        "at most epsilon of the points that would exceed are flown without an alert in time",
-    )
+    with_monitor: bool = False
+    """whether the point's monitor, trained afterwards, is a part of the clearance: at most epsilon
+    of the points that would exceed are flown without an alert in time"""
 
 
 class _Recorded(Decision):
     """A decision on the next point, with its interval of a recording."""
 
-    start: Finite | None = Field(
-        default=None,
-        description="start of the manoeuvre with its trim [s] in the recording; if absent, the "
-        "only detected manoeuvre is used, or the whole recording for an aborted point",
-    )
+    start: Finite | None = None
+    """start of the manoeuvre with its trim [s] in the recording; if absent, the only detected
+    manoeuvre is used, or the whole recording for an aborted point"""
     end: Finite | None = Field(default=None, description="end of the manoeuvre [s]")
 
     @property
@@ -110,9 +107,8 @@ class AbortRequest(_Recorded):
         json_schema_extra={"examples": [{"point": "60%", "by": "Bob", "why": "flutter at 0.4 g"}]}
     )
 
-    recording: str | None = Field(
-        default=None, description="id, if the point was broken off in flight"
-    )
+    recording: str | None = None
+    """id, if the point was broken off in flight"""
 
 
 async def _campaigns(store: StoreDep) -> Campaigns:

@@ -159,6 +159,12 @@ def frame_range(first: int, last: int | None, n: int) -> tuple[int, int | None]:
     return stop, stop if first < stop < end else None
 
 
+class Described(BaseModel):
+    """Base of bodies: docstrings describe their fields."""
+
+    model_config = ConfigDict(use_attribute_docstrings=True)
+
+
 class TimeInterval(BaseModel):
     """An interval of a flight or a recording."""
 
@@ -169,7 +175,9 @@ class TimeInterval(BaseModel):
 def strictly(*examples: Any) -> ConfigDict:
     """Configuration of a request body: no other fields, no other types."""
     shown: Any = {"examples": list(examples)} if examples else None
-    return ConfigDict(extra="forbid", strict=True, json_schema_extra=shown)
+    return ConfigDict(
+        extra="forbid", strict=True, json_schema_extra=shown, use_attribute_docstrings=True
+    )
 
 
 class ConditionRanges(BaseModel):

@@ -3,9 +3,10 @@
 import asyncio
 from collections import deque
 from functools import partial
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, WebSocket
+from pydantic.json_schema import models_json_schema
 from starlette.status import (
     WS_1000_NORMAL_CLOSURE,
     WS_1008_POLICY_VIOLATION,
@@ -18,7 +19,19 @@ from app.flights.sources.live import AcceptedBatch, LiveFlight, SequenceConflict
 from app.flights.transport import NotPossible
 from app.flights.watcher import FrameTicks, Watcher
 from app.http.connection import Connection, accept
-from app.messages import Credit, End, MessageError, Refused, Stored, Welcome, decode
+from app.messages import (
+    DOWN,
+    UP,
+    UPLINK_DOWN,
+    UPLINK_UP,
+    Credit,
+    End,
+    MessageError,
+    Refused,
+    Stored,
+    Welcome,
+    decode,
+)
 from app.routes.flights import MOST_ID
 from app.routes.live import sender_of
 from app.store.store import NotFound
@@ -201,3 +214,21 @@ def _status(error: Refusal) -> Literal[409, 422, 503]:
     if isinstance(error, JournalFull):
         return 503
     return 409 if isinstance(error, SequenceConflict) else 422
+
+
+def describe_streams(document: dict[str, Any]) -> None:
+    """Add the messages of the WebSockets to the OpenAPI document, which has no paths for them."""
+    sent = {"stream": (DOWN, UP), "uplink": (UPLINK_DOWN, UPLINK_UP)}
+    kinds: list[Any] = [
+        (kind, "validation") for each in sent.values() for kind in (*each[0], *each[1])
+    ]
+    _, schemas = models_json_schema(kinds, ref_template="#/components/schemas/{model}")
+    components = document["components"]
+    components["schemas"] = schemas["$defs"] | components["schemas"]
+    texts = (
+        f"WebSocket `{router.prefix}/{{flight_id}}/{name}`: the server sends "
+        f"{', '.join(kind.__name__ for kind in down)}; it accepts "
+        f"{' and '.join(kind.__name__ for kind in up)}."
+        for name, (down, up) in sent.items()
+    )
+    document["info"]["description"] += f"\n\n{' '.join(texts)} Each is a JSON text by its schema."

@@ -32,6 +32,7 @@ from app.messages import (
 from app.routes.dependencies import (
     PAGED,
     By,
+    Described,
     First,
     FlightsDep,
     Last,
@@ -63,57 +64,41 @@ class FlightStatus(Decided):
 
     id: str
     name: str
-    progress: str = Field(
-        description="`running`, `ended`, `failed` or `interrupted`; `ending`: the flight is over "
-        "and its record is not stored yet"
-    )
-    reason: str = Field(
-        default="", description="why its newest sample was not assessed; empty if it was"
-    )
+    progress: str
+    """`running`, `ended`, `failed` or `interrupted`; `ending`: the flight is over and its record is
+    not stored yet"""
+    reason: str = ""
+    """why its newest sample was not assessed; empty if it was"""
     cause: Cause | None = Field(default=None, description="cause of that reason, as in a frame")
-    age: float | None = Field(
-        default=None,
-        description="age of the newest sample of a live flight [s]; null for other flights",
-    )
-    exceedances: list[ChannelExceedances] = Field(
-        default_factory=list,
-        description="count, newest and worst exceedance of each channel that exceeded its limit",
-    )
-    limits_held: list[LimitsFrom] | None = Field(
-        default=None,
-        description="limits in force during the flight; empty for the monitor's own limits; "
-        "null if unknown because the flight was cut short",
-    )
+    age: float | None = None
+    """age of the newest sample of a live flight [s]; null for other flights"""
+    exceedances: list[ChannelExceedances] = Field(default_factory=list)
+    """count, newest and worst exceedance of each channel that exceeded its limit"""
+    limits_held: list[LimitsFrom] | None = None
+    """limits in force during the flight; empty for the monitor's own limits; null if unknown
+    because the flight was cut short"""
     source: dict[str, Any]
     mode: Mode = Field(description="whether its samples are measured, replayed or simulated")
-    monitor: str | None = Field(
-        description="id of the alarm authority; of a monitor set, of the one in use, null for none"
-    )
-    monitor_set: MonitorSetStatus | None = Field(
-        default=None,
-        description="the monitor set of the flight, and which monitor is in use; null without one",
-    )
-    monitors: list[FlownMonitor] = Field(
-        description="the alarm authority, then those flown for display"
-    )
-    warnings: list[str] = Field(
-        description="reasons not to rely on the monitor at this epsilon, from its test flights or "
-        "because it was not tested"
-    )
+    monitor: str | None
+    """id of the alarm authority; of a monitor set, of the one in use, null for none"""
+    monitor_set: MonitorSetStatus | None = None
+    """the monitor set of the flight, and which monitor is in use; null without one"""
+    monitors: list[FlownMonitor]
+    """the alarm authority, then those flown for display"""
+    warnings: list[str]
+    """reasons not to rely on the monitor at this epsilon, from its test flights or because it was
+    not tested"""
     epsilon: float
     keep: bool = Field(description="whether it is kept permanently")
-    accept_useless: bool = Field(
-        description="whether the request accepted a monitor that alerts on nearly every safe flight"
-    )
+    accept_useless: bool
+    """whether the request accepted a monitor that alerts on nearly every safe flight"""
     created: str = Field(description="UTC, ISO 8601")
     ended: str | None = Field(description="UTC, ISO 8601")
     head: int = Field(description="newest sample number; -1 before the first sample")
-    theta: dict[str, float] | None = Field(
-        default=None, description="parameters of a simulated aircraft"
-    )
-    fail_t: float | None = Field(
-        default=None, description="time at which the source exceeds a limit [s], if known"
-    )
+    theta: dict[str, float] | None = None
+    """parameters of a simulated aircraft"""
+    fail_t: float | None = None
+    """time at which the source exceeds a limit [s], if known"""
     state: State | None = None
     transport: TransportState | None = None
     watchers: int | None = None
@@ -125,22 +110,15 @@ class FlightStatus(Decided):
         f"flight: samples flown in the {INTERVAL_S:g} s before that may be missing",
     )
     unwritten: int | None = Field(default=None, description="samples not stored yet")
-    end_reason: str = Field(
-        default="",
-        description="why a flight ended, and who ended it; empty where it was not recorded",
-    )
-    recording: str | None = Field(
-        default=None, description="id of the recording made of an ended live flight"
-    )
-    limits: LimitsStatus | None = Field(
-        default=None,
-        description="limits in force now from a limit set; null for the monitor's own limits",
-    )
-    live: LiveStatus | None = Field(
-        default=None,
-        description="state of the source of a live flight, now or at its end; null in lists and if "
-        "the server was killed during the flight",
-    )
+    end_reason: str = ""
+    """why a flight ended, and who ended it; empty where it was not recorded"""
+    recording: str | None = None
+    """id of the recording made of an ended live flight"""
+    limits: LimitsStatus | None = None
+    """limits in force now from a limit set; null for the monitor's own limits"""
+    live: LiveStatus | None = None
+    """state of the source of a live flight, now or at its end; null in lists and if the server was
+    killed during the flight"""
 
 
 MOST_ID = 40
@@ -155,30 +133,23 @@ class TransportRequest(BaseModel):
     model_config = strictly({"action": "seek", "value": 2.5})
 
     action: Literal["play", "pause", "seek", "step", "speed", "loop", "next_alert", "lead"]
-    value: StrictBool | Annotated[float, Field(allow_inf_nan=False)] | None = Field(
-        default=None,
-        description="seek [s], step [samples, 1 if absent], speed [factor] or loop [bool]",
-    )
-    screen: str = Field(
-        default="",
-        max_length=MOST_ID,
-        description="of the screen that steers, as in its stream's address; 409 while another "
-        "connected screen leads. A program gives none",
-    )
+    value: StrictBool | Annotated[float, Field(allow_inf_nan=False)] | None = None
+    """seek [s], step [samples, 1 if absent], speed [factor] or loop [bool]"""
+    screen: str = Field(default="", max_length=MOST_ID)
+    """of the screen that steers, as in its stream's address; 409 while another connected screen
+    leads. A program gives none"""
 
 
-class FramesPart(BaseModel):
+class FramesPart(Described):
     """Frames in order."""
 
     first: int
     next: int | None = Field(description="number of the next frame to request; null at the end")
     frames: list[Frame]
-    trims: list[TrimChange] | None = Field(
-        default=None,
-        description="where the trim changed that is subtracted from limited channels, the newest "
-        "50, in order; before the first, `y` is as recorded. null: the source's samples are from "
-        "trim, or the server was killed during the flight",
-    )
+    trims: list[TrimChange] | None = None
+    """where the trim changed that is subtracted from limited channels, the newest 50, in order;
+    before the first, `y` is as recorded. null: the source's samples are from trim, or the server
+    was killed during the flight"""
 
 
 class MarkerRequest(BaseModel):
@@ -186,15 +157,13 @@ class MarkerRequest(BaseModel):
 
     model_config = strictly({"kind": "abort", "by": "test conductor"})
 
-    kind: FlightMarkerKey = Field(
-        description="`abort`: safety of flight; `knock_it_off`: no useful data; `call_cleared`: "
-        "the call is in force no more; `event`: `text`"
-    )
+    kind: FlightMarkerKey
+    """`abort`: safety of flight; `knock_it_off`: no useful data; `call_cleared`: the call is in
+    force no more; `event`: `text`"""
     by: By = LOCAL
     text: str | None = Field(default=None, min_length=1, max_length=2000)
-    t: Annotated[float, Field(allow_inf_nan=False)] | None = Field(
-        default=None, description="of an event [s]: the time it is about; default: the newest"
-    )
+    t: Annotated[float, Field(allow_inf_nan=False)] | None = None
+    """of an event [s]: the time it is about; default: the newest"""
 
     @model_validator(mode="after")
     def check_event(self) -> Self:

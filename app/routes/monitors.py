@@ -24,6 +24,7 @@ from app.recordings.recordings import Recordings
 from app.report.certificate import certificate_page
 from app.routes.dependencies import (
     PAGE_TO_PRINT,
+    Described,
     JobsDep,
     PersonDep,
     PlainBody,
@@ -61,19 +62,16 @@ class GroupCalibration(BaseModel):
     alert_above: float
 
 
-class CalibrationRule(BaseModel):
+class CalibrationRule(Described):
     """How the monitor alerts to keep a miss rate."""
 
     epsilon: float
     rank: int = Field(description="number of failures that alert; scores are sorted")
     alert_above: float = Field(description="risk above which it alerts: the same rule")
-    scores: list[float | None] = Field(
-        description="highest score that alerts, in each group; null: every score does"
-    )
-    miss_rates: list[float] = Field(
-        description="5 and 95 % quantiles of the miss rate of monitors calibrated on as many "
-        "failures"
-    )
+    scores: list[float | None]
+    """highest score that alerts, in each group; null: every score does"""
+    miss_rates: list[float]
+    """5 and 95 % quantiles of the miss rate of monitors calibrated on as many failures"""
 
 
 class CombinationMember(BaseModel):
@@ -84,13 +82,12 @@ class CombinationMember(BaseModel):
     recipe: dict[str, Any]
 
 
-class Calibration(BaseModel):
+class Calibration(Described):
     """Calibration of a monitor on its failing flights."""
 
-    alphas: list[float | None] = Field(
-        description="sorted calibration scores of the failures of all groups; null: the "
-        "failure comes too early for a warning"
-    )
+    alphas: list[float | None]
+    """sorted calibration scores of the failures of all groups; null: the failure comes too early
+    for a warning"""
     n_unsafe: int = Field(description="failures behind the promise, per group")
     n_early: int
     smallest_epsilon: float
@@ -98,13 +95,11 @@ class Calibration(BaseModel):
     guarantee: str
     alert_above: float
     lead: float = Field(description="[s]")
-    rules: list[CalibrationRule] = Field(
-        description="at the miss rates of the evaluation and the monitor's own, in order"
-    )
+    rules: list[CalibrationRule]
+    """at the miss rates of the evaluation and the monitor's own, in order"""
     groups: list[GroupCalibration] = Field(description="empty if all failures are pooled")
-    members: list[CombinationMember] = Field(
-        description="members of a combination; empty for other monitors"
-    )
+    members: list[CombinationMember]
+    """members of a combination; empty for other monitors"""
 
 
 _TRAINING_BODY = body_of(

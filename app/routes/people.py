@@ -18,7 +18,7 @@ from app.access.audit import Audit
 from app.access.people import People
 from app.access.roles import allowed_to
 from app.http.problems import Problem, problem_responses
-from app.routes.dependencies import PersonDep, StoreDep, part, refused, strictly
+from app.routes.dependencies import Described, PersonDep, StoreDep, part, refused, strictly
 from app.store.people import LINK_SECONDS, LONGEST_DAYS, AuditEntry, Role, StoredToken, TokenError
 from app.store.store import StoreError
 from app.store.tables import now, time_text
@@ -30,19 +30,16 @@ router = APIRouter(prefix="/api/v1", tags=["people"])
 PeopleDep = Annotated[People, part("people")]
 
 
-class Me(BaseModel):
+class Me(Described):
     """The person who sends the request."""
 
-    name: str = Field(
-        description="`server` with the token from the settings, `local` if no token is required"
-    )
+    name: str
+    """`server` with the token from the settings, `local` if no token is required"""
     role: Role
     version: str = Field(description="of the program")
     server_time: str = Field(description="UTC, ISO 8601")
-    allowed: list[str] = Field(
-        description="requests allowed for the role, with path parameters as `{}`",
-        examples=[["POST /api/v1/flights/{}/end"]],
-    )
+    allowed: list[str] = Field(examples=[["POST /api/v1/flights/{}/end"]])
+    """requests allowed for the role, with path parameters as `{}`"""
 
 
 class TokenRequest(BaseModel):
@@ -52,9 +49,8 @@ class TokenRequest(BaseModel):
 
     name: str = Field(min_length=1, max_length=64)
     role: Role
-    days: float | None = Field(
-        default=None, gt=0, le=LONGEST_DAYS, description="days until it expires; null: never"
-    )
+    days: float | None = Field(default=None, gt=0, le=LONGEST_DAYS)
+    """days until it expires; null: never"""
 
 
 class NewToken(BaseModel):

@@ -18,6 +18,7 @@ from app.report.figures import faults
 from app.report.strip_chart import styled
 from app.routes.dependencies import (
     PAGED,
+    Described,
     Finite,
     PartDep,
     RecordingsDep,
@@ -69,17 +70,16 @@ class SignalSummary(BaseModel):
     mean: float | None
 
 
-class FileContents(BaseModel):
+class FileContents(Described):
     """Contents of the file."""
 
     groups: list[SignalGroup]
     signals: list[SignalSummary]
     ignored: list[str] = Field(description="ignored parts of the file with the reasons")
     notes: list[str]
-    start: str = Field(
-        description="time zero in ISO 8601, empty if not in the file; 234:15:35:50.7 from a clock "
-        "without a year, 15:35:50.7 without a date, 35:50.7 without an hour"
-    )
+    start: str
+    """time zero in ISO 8601, empty if not in the file; 234:15:35:50.7 from a clock without a year,
+    15:35:50.7 without a date, 35:50.7 without an hour"""
 
 
 class BadRowSummary(BaseModel):
@@ -151,7 +151,11 @@ MAPPING_EXAMPLE: dict[str, Any] = {
 class OfMapping(BaseModel):
     """A request with a mapping, or a mapping file of the command line as the whole body."""
 
-    model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [MAPPING_EXAMPLE]})
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={"examples": [MAPPING_EXAMPLE]},
+        use_attribute_docstrings=True,
+    )
 
     mapping: Mapping
 
@@ -168,10 +172,8 @@ class MappingRequest(OfMapping):
     """A mapping to use from now on."""
 
     aircraft: str | None = Field(default=None, min_length=1, max_length=200)
-    remember: StrictBool = Field(
-        default=True,
-        description="propose it for the next recording of `aircraft`; ignored without one",
-    )
+    remember: StrictBool = True
+    """propose it for the next recording of `aircraft`; ignored without one"""
 
 
 class PreviewRequest(OfMapping):
@@ -191,15 +193,14 @@ class Bands(BaseModel):
     max: float | None
 
 
-class Preview(BaseModel):
+class Preview(Described):
     """Channels by a mapping; not stored."""
 
     channels: dict[str, Bands]
     quality: dict[str, Any] | None
     problem: str | None
-    warnings: dict[str, list[str]] = Field(
-        description="by channel: reasons against the mapping; it can still be confirmed"
-    )
+    warnings: dict[str, list[str]]
+    """by channel: reasons against the mapping; it can still be confirmed"""
 
 
 class SignalPreview(BaseModel):
@@ -223,14 +224,13 @@ class ManoeuvreInterval(BaseModel):
     name: str = Field(default="", max_length=200)
 
 
-class TrainingProposal(BaseModel):
+class TrainingProposal(Described):
     """A training recipe for the manoeuvre of a recording; a person completes it."""
 
-    recipe: dict[str, Any] = Field(
-        description="part of a body of `POST /monitors`: `dataset` with `maneuver`, `limits` and "
-        "`dt`, `t_early`, and the `predictor` and `score` of a method that works without the "
-        "missing channels; unknown parts are absent"
-    )
+    recipe: dict[str, Any]
+    """part of a body of `POST /monitors`: `dataset` with `maneuver`, `limits` and `dt`, `t_early`,
+    and the `predictor` and `score` of a method that works without the missing channels; unknown
+    parts are absent"""
     aircraft: None = Field(description="always null: a recording does not name its aircraft")
     reasons: list[str] = Field(description="where each proposal comes from, and what to check")
     channels: list[str] = Field(description="keys of the recorded channels")
@@ -396,9 +396,8 @@ class MarkerText(BaseModel):
     model_config = strictly({"t": 12.5, "text": "gust"})
 
     t: Finite = Field(description="[s]")
-    end: Finite | None = Field(
-        default=None, description="end of an interval [s]; null for a moment"
-    )
+    end: Finite | None = None
+    """end of an interval [s]; null for a moment"""
     text: str = Field(min_length=1, max_length=2000)
     kind: MarkerKind = "marker"
 

@@ -6,9 +6,9 @@ from typing import Annotated, Any, Literal
 import msgspec
 import numpy as np
 from fastapi import APIRouter, Query
-from pydantic import BaseModel, ConfigDict, Field, create_model
+from pydantic import ConfigDict, Field, create_model
 
-from app.routes.dependencies import PlainBody, StoreDep, body_of, json_response, refused
+from app.routes.dependencies import Described, PlainBody, StoreDep, body_of, json_response, refused
 from app.telemetry.recording import ATTITUDE, Recording, TelemetryError
 from core.channels import CHANNELS, KEYS, Dictionary
 from core.computed import fill
@@ -35,7 +35,7 @@ TelemetryBody = _model(
 )
 
 
-class AssessedSample(BaseModel):
+class AssessedSample(Described):
     """Assessment of one sample."""
 
     t: float = Field(description="[s]")
@@ -44,28 +44,24 @@ class AssessedSample(BaseModel):
     alert_above: float | None = Field(description="null unless state is `ok`")
     state: Literal["ok", "warming_up", "stale", "invalid"]
     reason: str = Field(description="why the state is not `ok`")
-    y_hat: dict[str, float] | None = Field(
-        description="forecast of each channel t_early ahead, by its key"
-    )
+    y_hat: dict[str, float] | None
+    """forecast of each channel t_early ahead, by its key"""
     score: float | None
-    group: str | None = Field(
-        description="group of failing flights whose calibration gives p_value; null while "
-        "unknown and for monitors without groups"
-    )
+    group: str | None
+    """group of failing flights whose calibration gives p_value; null while unknown and for monitors
+    without groups"""
     nearest_unsafe: Exemplar | None
     nearest_safe: Exemplar | None
 
 
-class AssessedTelemetry(BaseModel):
+class AssessedTelemetry(Described):
     """Assessments of telemetry, one per sample."""
 
     epsilon: float = Field(description="miss rate of the alerts")
     lead: float = Field(description="promised lead time [s]")
     warnings: list[str] = Field(description="reasons not to rely on the monitor")
-    exceeded_t: float | None = Field(
-        description="first sample beyond a limit [s], whatever its risk; null: none, or the "
-        "limits are unknown"
-    )
+    exceeded_t: float | None
+    """first sample beyond a limit [s], whatever its risk; null: none, or the limits are unknown"""
     assessments: list[AssessedSample]
 
 

@@ -25,6 +25,7 @@ from app.report.page import report
 from app.report.subject import about, stored_subject
 from app.routes.dependencies import (
     PAGE_TO_PRINT,
+    Described,
     Finite,
     First,
     Last,
@@ -60,24 +61,17 @@ class ScoringRequest(BaseModel):
     )
 
     monitor: str | None = Field(default=None, description="id. Give either this or `monitor_set`")
-    monitor_set: str | None = Field(
-        default=None,
-        description="id of a monitor set: each sample is assessed by the monitor of its flight "
-        "condition as in a live flight, at its own epsilon and limits",
-    )
-    condition: dict[ConditionKey, float] = Field(
-        default_factory=dict,
-        description="with a monitor set: values of the flight condition that were not recorded, in "
-        "SI units; those of the flight if absent",
-    )
-    epsilon: Annotated[float, Field(gt=0, lt=1)] | None = Field(
-        default=None, description="accepted miss rate; the monitor's own if absent"
-    )
-    trim: Seconds | Literal["trim_segment"] | None = Field(
-        default="trim_segment",
-        description="subtract from each manoeuvre the mean of its trim segment, or of this many "
-        "seconds before its first input; null subtracts nothing",
-    )
+    monitor_set: str | None = None
+    """id of a monitor set: each sample is assessed by the monitor of its flight condition as in a
+    live flight, at its own epsilon and limits"""
+    condition: dict[ConditionKey, float] = Field(default_factory=dict)
+    """with a monitor set: values of the flight condition that were not recorded, in SI units; those
+    of the flight if absent"""
+    epsilon: Annotated[float, Field(gt=0, lt=1)] | None = None
+    """accepted miss rate; the monitor's own if absent"""
+    trim: Seconds | Literal["trim_segment"] | None = "trim_segment"
+    """subtract from each manoeuvre the mean of its trim segment, or of this many seconds before its
+    first input; null subtracts nothing"""
     manoeuvres: (
         Literal["detected", "entire"]
         | Annotated[list[ManoeuvreInterval], Field(min_length=1, max_length=MOST_MARKED)]
@@ -108,17 +102,16 @@ class ScoringComparison(Differences):
     n_second: int = Field(description="samples that the second one assessed")
 
 
-class Scoring(BaseModel):
+class Scoring(Described):
     """A scoring of a recording; `assessments` and `tiles` have its samples."""
 
     id: str
     recording: str = Field(description="id")
     monitor: str = Field(description="id")
     monitor_name: str
-    warnings: list[str] = Field(
-        description="reasons not to rely on the monitor at this epsilon, from its test flights or "
-        "because it was not tested"
-    )
+    warnings: list[str]
+    """reasons not to rely on the monitor at this epsilon, from its test flights or because it was
+    not tested"""
     monitor_digest: str = Field(description="SHA-256 of the portable monitor")
     epsilon: float
     alert_above: float = Field(description="risk above which a sample alerts")
@@ -126,46 +119,37 @@ class Scoring(BaseModel):
     dt: float = Field(description="[s]")
     created: str = Field(description="UTC, ISO 8601")
     version: str = Field(description="version of the program that scored it")
-    digest: str = Field(
-        description="SHA-256 of the samples; the same request gives the same digest"
-    )
-    verified: bool = Field(
-        description="whether the samples were compared with the digest since the server started; "
-        "always true for a single scoring, false in lists for scorings not read yet"
-    )
-    damage: str = Field(
-        description="in lists: how the stored scoring is damaged, without its verdicts; empty if "
-        "intact. A damaged single scoring is refused"
-    )
-    request: dict[str, Any] = Field(
-        title="Parameters", description="requested epsilon, trim and manoeuvres"
-    )
+    digest: str
+    """SHA-256 of the samples; the same request gives the same digest"""
+    verified: bool
+    """whether the samples were compared with the digest since the server started; always true for a
+    single scoring, false in lists for scorings not read yet"""
+    damage: str
+    """in lists: how the stored scoring is damaged, without its verdicts; empty if intact. A damaged
+    single scoring is refused"""
+    request: dict[str, Any] = Field(title="Parameters")
+    """requested epsilon, trim and manoeuvres"""
     mapping: Mapping = Field(description="mapping used")
     channels: list[ChannelLimit]
     n_samples: int
     start: float = Field(description="[s]")
     end: float = Field(description="[s]")
-    time_zero: str = Field(
-        description="zero of the times, in ISO 8601 or as in the recording's contents; empty if "
-        "the file does not give it"
-    )
+    time_zero: str
+    """zero of the times, in ISO 8601 or as in the recording's contents; empty if the file does not
+    give it"""
     notes: list[str] = Field(description="assumptions and processing steps, in order")
-    quality: dict[str, Any] | None = Field(
-        description="quality of the recorded times and channels; `compatibility`: scale, bias and "
-        "delay of each sensor by kinematics from the others, with 95 % intervals"
-    )
-    manoeuvres: list[dict[str, Any]] = Field(
-        description="manoeuvres with trim, validity, alerts, exceedance and outcome"
-    )
-    outside_exceedances: list[dict[str, Any]] = Field(
-        description="exceedances outside manoeuvres: t [s], channel and value of the first sample "
-        "of each, relative to the trim of the manoeuvre before"
-    )
-    limits_in_force: list[dict[str, Any]] | None = Field(
-        description="for a live flight with a limit set: limits in force by channel from start to "
-        "end [s], null if unknown; `reason`: why the monitor is not applicable under them, empty "
-        "if it is. Null without a limit set"
-    )
+    quality: dict[str, Any] | None
+    """quality of the recorded times and channels; `compatibility`: scale, bias and delay of each
+    sensor by kinematics from the others, with 95 % intervals"""
+    manoeuvres: list[dict[str, Any]]
+    """manoeuvres with trim, validity, alerts, exceedance and outcome"""
+    outside_exceedances: list[dict[str, Any]]
+    """exceedances outside manoeuvres: t [s], channel and value of the first sample of each,
+    relative to the trim of the manoeuvre before"""
+    limits_in_force: list[dict[str, Any]] | None
+    """for a live flight with a limit set: limits in force by channel from start to end [s], null if
+    unknown; `reason`: why the monitor is not applicable under them, empty if it is. Null without a
+    limit set"""
 
 
 class ScoredFrame(Frame):
@@ -194,7 +178,7 @@ class Highs(BaseModel):
     high: list[float | None]
 
 
-class Tiles(BaseModel):
+class Tiles(Described):
     """An interval of a scoring in bins of equal length with exact extremes.
 
     The bins start shortly before the requested interval and end shortly after it.
@@ -208,9 +192,8 @@ class Tiles(BaseModel):
     channels: dict[str, Extremes]
     risk: Extremes
     withdrawn: Highs
-    state: list[int] = Field(
-        description="worst state in each bin: 0 ok, 1 warming_up, 2 stale, 3 invalid"
-    )
+    state: list[int]
+    """worst state in each bin: 0 ok, 1 warming_up, 2 stale, 3 invalid"""
     alert: list[bool]
 
 

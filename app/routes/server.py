@@ -17,6 +17,7 @@ from app.http.events import Changes, event_stream, events_of
 from app.http.metrics import CONTENT_TYPE
 from app.http.problems import Problem
 from app.routes.dependencies import (
+    Described,
     JournalsDep,
     RecordingsDep,
     SettingsDep,
@@ -41,46 +42,38 @@ class Health(BaseModel):
     status: str = Field("ok", examples=["ok"])
 
 
-class Readiness(BaseModel):
+class Readiness(Described):
     """The store can be read and written, and every flight is recorded."""
 
     status: str = Field("ready", examples=["ready"])
     version: str = Field(examples=[__version__])
     unwritten: int = Field(description="samples of flights not stored yet; a few are normal")
     lost: int = Field(description="samples that could not be recorded since the server started")
-    damaged: list[str] = Field(
-        description="damaged items, which are not served; everything else is"
-    )
-    older: str = Field(
-        description="one sentence if the database is older than at its last good stop, else empty"
-    )
+    damaged: list[str]
+    """damaged items, which are not served; everything else is"""
+    older: str
+    """one sentence if the database is older than at its last good stop, else empty"""
 
 
-class IntegrityReport(BaseModel):
+class IntegrityReport(Described):
     """Result so far of the integrity check of the stored data."""
 
-    state: State = Field(
-        description="`begun`: starts soon; `checking` everything in the background; `checked`; "
-        "`stopped` before the end"
-    )
-    checked: int = Field(
-        description="monitors, datasets, recordings, scorings and flights checked so far"
-    )
-    unverified: int = Field(
-        description="flights without a digest of their samples or journal: readable, not verified"
-    )
+    state: State
+    """`begun`: starts soon; `checking` everything in the background; `checked`; `stopped` before
+    the end"""
+    checked: int
+    """monitors, datasets, recordings, scorings and flights checked so far"""
+    unverified: int
+    """flights without a digest of their samples or journal: readable, not verified"""
     damaged: list[Damage]
-    elsewhere: int = Field(
-        description="recordings and live flights whose files are in another data directory: "
-        "listed, not readable"
-    )
-    unlisted: int = Field(
-        description="recordings and live flights whose files are in the data directory, and which "
-        "the database does not list: it may be an older one, or that of another server"
-    )
-    older: str = Field(
-        description="one sentence if the database is older than at its last good stop, else empty"
-    )
+    elsewhere: int
+    """recordings and live flights whose files are in another data directory: listed, not
+    readable"""
+    unlisted: int
+    """recordings and live flights whose files are in the data directory, and which the database
+    does not list: it may be an older one, or that of another server"""
+    older: str
+    """one sentence if the database is older than at its last good stop, else empty"""
 
 
 @router.get("/healthz", tags=["health"])
