@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from contextlib import closing, redirect_stdout
 from dataclasses import dataclass, replace
@@ -48,9 +48,7 @@ from core.counted import counted
 from core.dataset import Dataset
 from core.evaluation.certificate import calibrated_on, warnings_of
 from core.evaluation.method_choice import kept_in_words
-from core.evaluation.prevention import Prevention
-from core.evaluation.rates import Evaluation, clopper_pearson
-from core.evaluation.robustness import DIFFERENCES, by_aircraft
+from core.evaluation.rates import clopper_pearson
 from core.monitor import Monitor, MonitorRecipe
 from core.monitor.calibration import check_epsilon
 from core.monitor.training import check_lead
@@ -399,53 +397,8 @@ def test_lines(test: FlownTest, lead: float) -> list[str]:
         ),
         _share("P(fail | alert)", caught, caught + counts.false_alerts[0], "of alerts"),
         _lead_line(test.leads, lead),
-        *(_prevention_lines(test.prevention) if test.prevention else []),
-        *(
-            _robustness_line(DIFFERENCES[name].words, counts)
-            for name, counts in test.robustness.items()
-        ),
-        *(
-            _share("missed", counts.misses[0], counts.n_unsafe, f"of {name}")
-            for groups in test.groups.values()
-            for name, counts in groups.items()
-        ),
+        "  its certificate also has prevention, robustness and groups: forewarn certificate FILE",
     ]
-
-
-def _prevention_lines(result: Prevention) -> list[str]:
-    if not result.n_unsafe:
-        return []
-    shares = ", ".join(
-        f"{prevented / result.n_unsafe:.0%} ({reaction_s:g} s)"
-        for reaction_s, prevented in zip(result.reactions_s, result.prevented, strict=True)
-    )
-    return [
-        f"  prevented          {shares} of failing flights, by mean reaction time to an alert",
-        _share("stopped", result.stopped, result.n_safe, "of safe flights, unnecessarily"),
-    ]
-
-
-def _robustness_line(difference: str, counts: Evaluation) -> str:
-    failing, safe = "none failed", "none was safe"
-    if n := counts.n_unsafe:
-        missed, invalid = counts.miss_rate[0], counts.withdrawn_rate[0]
-        low, high = counts.miss_interval[0]
-        failing = (
-            f"{n} failing{_aircraft(by_aircraft(counts))}: {missed:.1%} [{low:.1%}, {high:.1%}] "
-            f"missed, {invalid:.1%} invalid before an alert"
-        )
-    if n := counts.n_safe:
-        false, invalid = int(counts.false_alerts[0]) / n, int(counts.safe_withdrawn[0]) / n
-        safe = f"{n} safe: {false:.1%} false alarms, {invalid:.1%} invalid without an alert"
-    return f"  {difference}: {failing}; {safe}"
-
-
-def _aircraft(counts: Mapping[str, Any]) -> str:
-    if not counts:
-        return ""
-    worst = counts["worst"]
-    missed = f", {worst[0]} of {worst[1]} missed of the worst" if worst else ""
-    return f" of {counts['n_aircraft']} aircraft{missed}"
 
 
 def _invalid(withdrawn: int, total: int, where: str) -> list[str]:
