@@ -12,7 +12,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from app.assessment.limits_history import InForceTimeline
-from app.telemetry.recording import GAP_RATIO, Traces
+from app.assessment.trim import TrimSteps
+from app.telemetry.recording import GAP_RATIO, Trace, Traces
 from core.channels import Dictionary
 from core.limits.exceedance import NOT_PLAUSIBLE, SAME_TIME, TRIM_UNKNOWN, onsets
 from core.limits.limits import Envelope, exceeded_end, shares_of
@@ -81,8 +82,8 @@ class RecordedExceedance:
     """The first recorded sample that exceeds a limit. t: [s].   value: from trim, in its unit.
 
     limit: the limit exceeded where a limit set was in force; None for the monitor's own.
-    doubt: of one as recorded: NOT_PLAUSIBLE, TRIM_UNKNOWN, or none.   arrived: when the sample of a
-    live flight arrived [s]; None where that is not known.
+    doubt: of one as recorded: NOT_PLAUSIBLE, TRIM_UNKNOWN, or none; outside every manoeuvre one of
+    OUTSIDE_DOUBTS.   arrived: when the sample of a live flight arrived [s]; None where unknown.
     """
 
     t: float
@@ -163,14 +164,14 @@ def against_limits(
     traces: Traces,
     dictionary: Dictionary,
     limits: Envelope,
-    trim: Array,
+    trim: TrimSteps,
     start: float,
     end: float,
     timeline: InForceTimeline | None = None,
 ) -> Limited:
     """Judge the recorded samples, not those resampled for the monitor.
 
-    traces: repaired.   trim: (n_channels,).   start, end: [s], both included.
+    traces: repaired.   start, end: [s], both included.
     timeline: limits in force over time, instead of `limits`; each gets its own peak.
     """
     exceedances, raw, failed = (list[RecordedExceedance | None]() for _ in range(3))
@@ -191,10 +192,11 @@ def against_limits(
         known = np.isfinite(trace.values[part])
         t, values = trace.t[part][known], trace.values[part][known]
         low, high = _ends_at(t, c, limits, timeline)
-        is_named, doubt = timeline is not None, TRIM_UNKNOWN if np.isnan(trim[c]) else ""
+        is_named, subtracted = timeline is not None, trim.of_channel(c, t)
         arrived = None if traces.arrived is None else traces.arrived[part][known]
-        from_trim = _Judged(key, t, values - trim[c], low, high, is_named, "", arrived)
-        recorded = from_trim._replace(value=values + trace.bias, doubt=doubt)
+        from_trim = _Judged(key, t, values - subtracted, low, high, is_named, "", arrived)
+        unknown = np.isnan(subtracted)
+        recorded = from_trim._replace(value=values + trace.bias, trim_unknown=unknown)
         exceedances.append(from_trim.first)
         raw.append(recorded.first)
         beyond = [recorded.worst(rest)]
@@ -236,6 +238,7 @@ class _Judged(NamedTuple):
     """Samples of a channel against its limits, (n,) each.
 
     is_named: whether an exceedance names its limit.   doubt, arrived: see RecordedExceedance.
+    trim_unknown: where an exceedance is one as recorded; None for nowhere.
     """
 
     key: str
@@ -246,13 +249,17 @@ class _Judged(NamedTuple):
     is_named: bool
     doubt: str = ""
     arrived: Array | None = None
+    trim_unknown: Flags | None = None
 
     def exceedance(self, i: int) -> RecordedExceedance:
         """That of sample i."""
         t, value, low, high = (float(each[i]) for each in self[1:5])
         limit = exceeded_end(low, high, value) if self.is_named else None
         arrived = None if self.arrived is None else self.arrived.item(i)
-        return RecordedExceedance(t, self.key, value, limit, self.doubt, arrived)
+        doubt = self.doubt
+        if not doubt and self.trim_unknown is not None and self.trim_unknown[i]:
+            doubt = TRIM_UNKNOWN
+        return RecordedExceedance(t, self.key, value, limit, doubt, arrived)
 
     @property
     def over(self) -> Indices:
@@ -434,6 +441,9 @@ MANY = 3
 """This many exceedances of one channel suggest a fault in its mapping."""
 MOST_OUTSIDE = 1000
 """Exceedances that are stored; the note counts all."""
+OUTSIDE_DOUBTS = "", "as recorded, not from trim", TRIM_UNKNOWN, NOT_PLAUSIBLE
+"""Why an exceedance outside every manoeuvre is not one from trim; empty if it is."""
+FROM_TRIM, AS_RECORDED = 0, 1
 
 
 def exceedances_outside(
@@ -441,52 +451,74 @@ def exceedances_outside(
     dictionary: Dictionary,
     limits: Envelope,
     intervals: Sequence[tuple[float, float]],
-    trims: Sequence[Array],
+    trim: TrimSteps,
     timeline: InForceTimeline | None = None,
 ) -> tuple[RecordedExceedance, ...]:
     """The first recorded sample of each exceedance that begins outside all manoeuvres.
 
     traces: repaired.   intervals: start and end of each manoeuvre, in order [s].
-    trims: (n_channels,) of each manoeuvre. It applies until the next one; the first before, too.
     timeline: limits in force over time, instead of `limits`.
     An exceedance that begins in a manoeuvre and outlasts it belongs to that manoeuvre.
     """
     starts, ends = np.array(intervals, np.float64).T
-    subtracted = np.nan_to_num(np.array(trims))
     exceedances = []
     in_force = limits if timeline is None else timeline.limits
     for c in np.flatnonzero(in_force.limited).tolist():
         key = dictionary.keys[c]
         if key not in traces.channels:
             continue
-        trace = traces.channels[key]
-        parts = []
-        for first in range(0, len(trace.t), BLOCK):
-            t, values = trace.t[first : first + BLOCK], trace.values[first : first + BLOCK]
-            number = np.maximum(np.searchsorted(starts - SAME_TIME, t, "right") - 1, 0)
-            value = values - subtracted[number, c]
-            odd = np.zeros(len(t), bool)
-            if trace.sent is not None:
-                sent = trace.sent[first : first + BLOCK]
-                odd = np.isnan(values) & np.isfinite(sent)
-                value = np.where(odd, sent, value)
-            low, high = _ends_at(t, c, limits, timeline)
-            over = onsets(t, value, low, high)
-            parts.append((t[over], number[over], value[over], low[over], high[over], odd[over]))
-        t, number, value, low, high, odd = map(np.concatenate, zip(*parts, strict=True))
-        inside = (t >= starts[number] - SAME_TIME) & (t <= ends[number] + SAME_TIME)
-        begins = onsets(t, value, low, high, APART)
-        shares = shares_of(value, low, high, float(limits.rest[c]))
-        for i, stop in pairwise([*begins.tolist(), len(t)]):
-            if inside[i]:
+        over = _all_over(traces.channels[key], c, limits, trim, timeline)
+        number = np.maximum(np.searchsorted(starts - SAME_TIME, over.t, "right") - 1, 0)
+        inside = (over.t >= starts[number] - SAME_TIME) & (over.t <= ends[number] + SAME_TIME)
+        shares = shares_of(over.value, over.low, over.high, float(limits.rest[c]))
+        begins = np.flatnonzero(np.diff(over.t, prepend=-np.inf) > APART)
+        for begin, stop in pairwise([*begins.tolist(), len(over.t)]):
+            if inside[begin]:
                 continue
-            doubt = TRIM_UNKNOWN if np.isnan(trims[number[i]][c]) else ""
-            about = timeline is not None, NOT_PLAUSIBLE if odd[i] else doubt
-            begun = _Judged(key, t, value, low, high, *about).exceedance(i)
-            at = i + int(shares[i:stop].argmax())
-            worst_t, worst = float(t[at]), float(value[at])
+            from_trim = begin + np.flatnonzero(over.doubt[begin:stop] == FROM_TRIM)
+            rows = from_trim if len(from_trim) else np.arange(begin, stop)
+            first, at = int(rows[0]), int(rows[shares[rows].argmax()])
+            doubt = OUTSIDE_DOUBTS[int(over.doubt[first])]
+            about = over.t, over.value, over.low, over.high, timeline is not None, doubt
+            begun = _Judged(key, *about).exceedance(first)
+            worst_t, worst = float(over.t[at]), float(over.value[at])
             exceedances.append(OutsideExceedance(**vars(begun), worst_t=worst_t, worst=worst))
     return tuple(sorted(exceedances, key=lambda exceedance: exceedance.t))
+
+
+class _Over(NamedTuple):
+    """Samples (n,) of a channel that exceed a limit, from trim or else as recorded.
+
+    doubt: number in OUTSIDE_DOUBTS.
+    """
+
+    t: Array
+    value: Array
+    low: Array
+    high: Array
+    doubt: Indices
+
+
+def _all_over(
+    trace: Trace, c: int, limits: Envelope, trim: TrimSteps, timeline: InForceTimeline | None
+) -> _Over:
+    parts = []
+    for first in range(0, len(trace.t), BLOCK):
+        t, values = trace.t[first : first + BLOCK], trace.values[first : first + BLOCK]
+        low, high = _ends_at(t, c, limits, timeline)
+        from_trim, recorded = values - trim.of_channel(c, t), values + trace.bias
+        doubt = np.where(np.isnan(from_trim), OUTSIDE_DOUBTS.index(TRIM_UNKNOWN), AS_RECORDED)
+        if trace.sent is not None:
+            sent = trace.sent[first : first + BLOCK]
+            odd = np.isnan(values) & np.isfinite(sent)
+            recorded = np.where(odd, sent, recorded)
+            doubt[odd] = OUTSIDE_DOUBTS.index(NOT_PLAUSIBLE)
+        judged = onsets(t, from_trim, low, high)
+        value = recorded
+        value[judged], doubt[judged] = from_trim[judged], FROM_TRIM
+        over = onsets(t, value, low, high)
+        parts.append([part[over] for part in (t, value, low, high, doubt)])
+    return _Over(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def notes_on_outside(

@@ -32,7 +32,7 @@ from app.assessment.limits_history import (
 from app.assessment.outcome import RecordedExceedance, warned_at
 from app.assessment.planned_test import PlannedTest, needed_channels, planned_test
 from app.assessment.scored import BETWEEN
-from app.assessment.trim import CausalTrim, FollowedManoeuvre
+from app.assessment.trim import CausalTrim, FollowedManoeuvre, TrimSteps
 from app.telemetry.contents import release
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.recording import ATTITUDE, Recording, TelemetryError, Trace, Traces
@@ -160,12 +160,24 @@ class RecordedFlight:
             )
         )
 
-    @cached_property
+    @property
     def manoeuvres(self) -> list[FollowedManoeuvre]:
         """As followed in flight."""
-        in_force = None if self.timeline is None else self.timeline.changes(self.recording.t)
+        return self._followed[0]
+
+    @property
+    def trims(self) -> TrimSteps:
+        """As followed in flight, also between the manoeuvres."""
+        return self._followed[1]
+
+    @cached_property
+    def _followed(self) -> tuple[list[FollowedManoeuvre], TrimSteps]:
+        t, y = self.recording.t, self.recording.y
+        in_force = None if self.timeline is None else self.timeline.changes(t)
+        levels = np.empty(y.shape)
         trim = CausalTrim.of(*(self.members or (self.monitor,)))
-        return trim.follow(self.recording.y, self.grid.begun, in_force)
+        manoeuvres = trim.follow(y, self.grid.begun, in_force, levels)
+        return manoeuvres, TrimSteps.of_samples(t, levels)
 
     @cached_property
     def place(self) -> Indices:

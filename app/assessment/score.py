@@ -47,6 +47,7 @@ from app.assessment.segments import (
     segments,
     until_end,
 )
+from app.assessment.trim import TrimSteps
 from app.assessment.validity import (
     AssessedSegment,
     ended_early,
@@ -125,8 +126,10 @@ def score_at_each(
     if isinstance(history, SetHistory):
         parts, unused = by_monitor(flight, members, history.in_use, selected)
         notes = (*notes, *unused)
-    judged = _judge_all(flight, parts)
-    outside = _outside(flight, judged)
+    as_flown = flight.trims if recorded.flown is not None and recipe.is_as_flown else None
+    judged = _judge_all(flight, parts, as_flown)
+    trims = as_flown or _trims_of(judged)
+    outside = _outside(flight, judged, trims)
     unassessed = [each.validity.reasons[0] for each in judged if each.segment.is_rest]
     notes = (*notes, *(f"Not assessed: {why}." for why in unassessed))
     used = [f"{flight.use[0].upper()}{flight.use[1:]}."] if flight.use else []
@@ -138,7 +141,7 @@ def score_at_each(
     in_force = timeline and tuple(timeline.intervals(float(t[0]), float(t[-1])))
     return tuple(
         ScoredRecording(
-            *_assessed(flight, judged, None if members else (epsilon, above), calls),
+            *_assessed(flight, judged, trims, None if members else (epsilon, above), calls),
             monitor.dt,
             epsilon,
             above,
@@ -165,17 +168,16 @@ def _with_use(flight: RecordedFlight, digest: str) -> RecordedFlight:
 class JudgedSegment:
     """A segment with everything that does not depend on epsilon.
 
-    begin: its first assessed sample; earlier ones are its rest.   y: (n, n_channels) from trim,
-    of the whole segment.   withdrawal: the first sample of these without an assessment, and why;
-    None if the monitor applies throughout.   inputs: flown inputs of the planned surfaces.
-    silent: samples from `begin` on where other limits than the monitor's were in force.
-    in_force: those limits, in plain data.   own: judged by the monitor's limits, where others were
-    in force.   unknown: of a rest, why a manoeuvre may have been flown in it; empty if none was.
+    begin: its first assessed sample; earlier ones are its rest.   withdrawal: the first sample of
+    these without an assessment, and why; None if the monitor applies throughout.
+    inputs: flown inputs of the planned surfaces.   silent: samples from `begin` on where other
+    limits than the monitor's were in force.   in_force: those limits, in plain data.
+    own: judged by the monitor's limits, where others were in force.
+    unknown: of a rest, why a manoeuvre may have been flown in it; empty if none was.
     """
 
     assessed: AssessedSegment
     begin: int
-    y: Array
     limited: Limited
     validity: Validity
     withdrawal: Withdrawal | None
@@ -217,21 +219,32 @@ class JudgedSegment:
 
 
 def _judge_all(
-    flight: RecordedFlight, parts: Sequence[tuple[RecordedFlight, Segment]]
+    flight: RecordedFlight,
+    parts: Sequence[tuple[RecordedFlight, Segment]],
+    trims: TrimSteps | None,
 ) -> list[JudgedSegment]:
+    """trims: see _judge."""
     judged: list[JudgedSegment] = []
     for begin in range(0, len(parts), JUDGED_TOGETHER):
-        judged += [_judge(*part) for part in parts[begin : begin + JUDGED_TOGETHER]]
+        judged += [_judge(*part, trims) for part in parts[begin : begin + JUDGED_TOGETHER]]
         for trace in flight.traces.channels.values():
             release(trace.values)
     return judged
 
 
-def _judge(flight: RecordedFlight, segment: Segment) -> JudgedSegment:
-    """Assess a segment as a stream in flight does, then check its validity."""
+def _judge(
+    flight: RecordedFlight, segment: Segment, trims: TrimSteps | None = None
+) -> JudgedSegment:
+    """Assess a segment as a stream in flight does, then check its validity.
+
+    trims: of a rest, as followed in flight; None for that of the segment.
+    """
     recorded, monitor = flight.recording, flight.monitor
     begin, stop = segment.first if segment.onset is None else segment.onset, segment.last + 1
     trim = segment.trim_of(recorded.y, monitor.dictionary)
+    steps = TrimSteps.constant(trim)
+    if segment.is_rest and trims is not None:
+        steps, trim = trims, trims.values[-1]
     start = begin
     if segment.onset is not None:
         start = max(segment.since, begin - monitor.recipe.n_delay - 1)
@@ -249,7 +262,7 @@ def _judge(flight: RecordedFlight, segment: Segment) -> JudgedSegment:
     whole = monitor.assess(t_read, y_read, withdraw=False)
     interval = float(recorded.t[segment.first]), float(recorded.t[segment.last])
     about = flight.judged, monitor.dictionary, flight.planned.limits
-    arguments = *about, trim, *interval
+    arguments = *about, steps, *interval
     limited = against_limits(*arguments, flight.timeline)
     assessed = AssessedSegment(flight, segment, trim, streamed, y_read, whole, n_history)
     t = assessed.assessments.t
@@ -281,7 +294,7 @@ def _judge(flight: RecordedFlight, segment: Segment) -> JudgedSegment:
     if not segment.is_rest:
         inputs = monitor.flown_input(y, monitor.last_counted(y), flight.planned.amplitudes)
     about = limited, verdict, withdrawal, inputs, silent, in_force, own, unknown
-    return JudgedSegment(assessed, begin, y, *about)
+    return JudgedSegment(assessed, begin, *about)
 
 
 def _why_unflown_unknown(flight: RecordedFlight, exceedance: RecordedExceedance | None) -> str:
@@ -296,10 +309,19 @@ def _why_unflown_unknown(flight: RecordedFlight, exceedance: RecordedExceedance 
     return f"data missing: {why}" if why else ""
 
 
-def _outside(flight: RecordedFlight, judged: list[JudgedSegment]) -> tuple[RecordedExceedance, ...]:
+def _trims_of(judged: list[JudgedSegment]) -> TrimSteps:
+    """That of each segment until the next one; the first before, too."""
+    t = judged[0].assessed.recording.t
+    return TrimSteps(
+        t[[each.first for each in judged]], np.array([each.assessed.trim for each in judged])
+    )
+
+
+def _outside(
+    flight: RecordedFlight, judged: list[JudgedSegment], trims: TrimSteps
+) -> tuple[RecordedExceedance, ...]:
     t = flight.recording.t
     intervals = [(float(t[each.first]), float(t[each.stop - 1])) for each in judged]
-    trims = [each.assessed.trim for each in judged]
     return exceedances_outside(
         flight.judged,
         flight.monitor.dictionary,
@@ -331,12 +353,13 @@ def _missing_outside(flight: RecordedFlight, judged: list[JudgedSegment]) -> tup
 def _assessed(
     flight: RecordedFlight,
     judged: list[JudgedSegment],
+    trims: TrimSteps,
     level: Level | None,
     calls: Sequence[float],
 ) -> tuple[npt.NDArray[np.void], tuple[ScoredManoeuvre, ...]]:
     """Samples and manoeuvres at one miss rate and its alert threshold; None for each monitor's."""
     levels = [level or level_of(each.assessed.monitor, None) for each in judged]
-    samples = _samples(flight, judged, [above for _, above in levels])
+    samples = _samples(flight, judged, trims, [above for _, above in levels])
     verdicts, earlier = list[ScoredManoeuvre](), list[tuple[float, float]]()
     for number, (each, of_each) in enumerate(zip(judged, levels, strict=True)):
         if not each.segment.part:
@@ -350,16 +373,18 @@ def _assessed(
 
 
 def _samples(
-    flight: RecordedFlight, judged: list[JudgedSegment], alert_above: Sequence[float]
+    flight: RecordedFlight,
+    judged: list[JudgedSegment],
+    trims: TrimSteps,
+    alert_above: Sequence[float],
 ) -> npt.NDArray[np.void]:
     """(n,) of sample_type, filled block by block; also the times without a sample."""
     n = len(flight.recording.t)
     firsts, stops = [each.first for each in judged], [each.stop for each in judged]
-    trims = np.nan_to_num(np.array([each.assessed.trim for each in judged]))
     samples = np.empty(n, sample_type(len(flight.monitor.dictionary)))
     for first in range(0, n, BLOCK):
         rows = slice(first, min(first + BLOCK, n))
-        fields = _between(flight.recording, rows, trims, stops)
+        fields = _between(flight.recording, rows, trims)
         for number in range(bisect_right(stops, first), bisect_left(firsts, rows.stop)):
             _fill(fields, rows, number, judged[number], alert_above[number])
         for name, values in fields.items():
@@ -380,8 +405,6 @@ def _fill(
     begin, end = max(rows.start, judged.first), min(rows.stop, judged.stop)
     target = _shifted(begin, end, rows.start)
     fields["manoeuvre"][target] = number
-    y, recorded = judged.y[_shifted(begin, end, judged.first)], judged.assessed.recording.y
-    fields["y"][target] = np.where(np.isnan(judged.assessed.trim), recorded[begin:end], y)
     is_invalid = judged.withdrawal is not None and judged.withdrawal.first == 0
     fields["state"][target] = INVALID if is_invalid else WARMING_UP
     begin = max(begin, judged.begin)
@@ -401,23 +424,19 @@ def _shifted(begin: int, end: int, by: int) -> slice:
     return slice(begin - by, end - by)
 
 
-def _between(
-    recording: Recording, rows: slice, trims: Array, stops: list[int]
-) -> dict[str, npt.NDArray[Any]]:
+def _between(recording: Recording, rows: slice, trims: TrimSteps) -> dict[str, npt.NDArray[Any]]:
     """The fields of sample_type in some rows, without assessments.
 
-    trims: (n_segments, n_channels).   stops: the row behind each segment. Channels are from the
-    trim of the segment before; before the first segment, from its own.
+    Channels are from trim, as recorded where that is unknown.
     """
     n = rows.stop - rows.start
     unknown = np.full(n, np.nan)
     attitude = [
         recording.attitude[key][rows] if key in recording.attitude else unknown for key in ATTITUDE
     ]
-    before = np.searchsorted(stops, np.arange(rows.start, rows.stop), side="right") - 1
     return {
         "t": recording.t[rows],
-        "y": recording.y[rows] - trims[np.maximum(before, 0)],
+        "y": recording.y[rows] - np.nan_to_num(trims.at(recording.t[rows])),
         "p_value": unknown.copy(),
         "withdrawn": unknown.copy(),
         "alert": np.zeros(n, bool),

@@ -22,8 +22,6 @@ from core.types import Array
 
 Manoeuvres = Literal["detected", "entire"]
 TRIM_SEGMENT = "trim_segment"
-LEAST_KNOWN = 0.5
-"""Share of the samples of a rest without a manoeuvre that must be known for its trim."""
 
 
 class Interval(NamedTuple):
@@ -61,6 +59,11 @@ class ScoringRecipe:
             _check_word("manoeuvres", self.manoeuvres, get_args(Manoeuvres))
             return
         object.__setattr__(self, "manoeuvres", _ordered(self.manoeuvres))
+
+    @property
+    def is_as_flown(self) -> bool:
+        """Whether manoeuvres and trim are those that a flight follows."""
+        return self.manoeuvres == "detected" and self.trim == TRIM_SEGMENT
 
     def to_plain(self) -> dict[str, Any]:
         marked = self.manoeuvres
@@ -145,8 +148,6 @@ class Segment(NamedTuple):
         if self.rest is None:
             return np.zeros(y.shape[1])
         trim = mean_of_rest(y[self.rest])
-        if self.is_rest:  # as in flight, a rest of which too little is known has no trim
-            trim[np.isfinite(y[self.rest]).mean(axis=0) < LEAST_KNOWN] = np.nan
         trim[list(dictionary.absolute)] = 0.0
         return trim
 

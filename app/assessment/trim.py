@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from math import inf
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from core.limits.limits import Envelope
 from core.monitor import Monitor
 from core.monitor.assessment import Cause
 from core.monitor.status import NO_MANOEUVRE
-from core.types import Array
+from core.types import Array, Indices
 
 MEASURED_S = 0.1
 """Interval of trim measurements at rest [s]."""
@@ -62,6 +62,40 @@ class FollowedManoeuvre(NamedTuple):
     trim: Array
 
 
+class TrimSteps(NamedTuple):
+    """The trim over time.
+
+    starts: (m,) times from which each applies, increasing [s]; the first applies before, too.
+    values: (m, n_channels) NaN where unknown.
+    """
+
+    starts: Array
+    values: Array
+
+    @classmethod
+    def constant(cls, trim: Array) -> Self:
+        """trim: (n_channels,)."""
+        return cls(np.array([-inf]), trim[None])
+
+    @classmethod
+    def of_samples(cls, t: Array, levels: Array) -> Self:
+        """levels: (n, n_channels) trim of each sample at t (n,)."""
+        bits = levels.view(np.int64)
+        changes = np.append(True, (bits[1:] != bits[:-1]).any(axis=1))
+        return cls(t[changes], levels[changes])
+
+    def at(self, t: Array) -> Array:
+        """(n, n_channels) at times (n,) [s]."""
+        return self.values[self._index(t)]
+
+    def of_channel(self, c: int, t: Array) -> Array:
+        """(n,) of channel c at times (n,) [s]."""
+        return self.values[self._index(t), c]
+
+    def _index(self, t: Array) -> Indices:
+        return np.maximum(np.searchsorted(self.starts, t, "right") - 1, 0)
+
+
 class CausalTrim:
     """Phases of a flight: rest, in which trim is measured, and manoeuvres.
 
@@ -81,10 +115,9 @@ class CausalTrim:
         n_rest = n_trim + round(GUARD_S / dt)
         threshold = departure(input_sizes(planned) if sizes is None else sizes)
         length, n_channels = planned.duration, len(planned.dictionary)
-        self._absolute = list(planned.dictionary.absolute)
         most = 0 if length is None else max(1, round((length - planned.trim_segment_s) / dt))
         absolute = np.zeros(n_channels, bool)
-        absolute[self._absolute] = True
+        absolute[list(planned.dictionary.absolute)] = True
         self._rule = TrimRule(
             np.array(planned.controls, np.int64),
             threshold,
@@ -110,6 +143,7 @@ class CausalTrim:
         compiled = self._rule, self._state
         self._follow_one = entry(kernel.follow_one, *compiled, np.empty(n_channels))
         self._begin = entry(kernel.begin, *compiled)
+        self._level = entry(kernel.level, *compiled, np.empty(n_channels))
 
     @classmethod
     def of(cls, *monitors: Monitor) -> "CausalTrim":
@@ -126,16 +160,9 @@ class CausalTrim:
 
     @property
     def level(self) -> Array:
-        """The last trim (n_channels,), NaN where unknown; 0 where it is not subtracted.
-
-        At rest a trim that is itself beyond the limit is unknown: it may be an exceedance.
-        """
-        state = self._state
-        level = state.trim.copy()
-        if not self.manoeuvre:
-            level[(level <= state.low) | (level >= state.high)] = np.nan
-        if self._absolute:
-            level[self._absolute] = 0.0
+        """The last trim (n_channels,), NaN where unknown; 0 where it is not subtracted."""
+        level = np.empty(len(self._state.trim))
+        self._level(self._rule, self._state, level)
         return level
 
     @property
@@ -175,18 +202,20 @@ class CausalTrim:
         y: Array,
         begun: Sequence[int] = (),
         in_force: Mapping[int, Envelope | None] | None = None,
+        levels: Array | None = None,
     ) -> list[FollowedManoeuvre]:
         """Add samples (n, n_channels) of a whole recording; return its manoeuvres.
 
         begun: samples with which one is begun by hand.   in_force: other limits, by the sample from
-        which they apply.
+        which they apply.   levels: (n, n_channels) filled with the trim after each sample.
         """
+        levels = np.empty(y.shape) if levels is None else levels
         y, at, in_force = np.ascontiguousarray(y), 0, in_force or {}
         edges = list[tuple[int, int, Array]]()
         for stop in sorted({*begun, *in_force, len(y)}):
             while at < stop:
                 before = self.manoeuvre
-                at = kernel.follow(self._rule, self._state, y[:stop], at)
+                at = kernel.follow(self._rule, self._state, y[:stop], at, levels)
                 if self.manoeuvre != before:
                     edges.append((at - 1, self.manoeuvre, self.level))
             self.judge_by(in_force.get(stop))

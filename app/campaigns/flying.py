@@ -9,7 +9,7 @@ from app.assessment.outcome import exceedances_outside, notes_on_outside
 from app.assessment.planned_test import PlannedTest
 from app.assessment.recorded import on_grid
 from app.assessment.segments import Interval, ScoringRecipe, Segment, detected_segments, segments
-from app.assessment.trim import AFTERWARDS, CausalTrim, FollowedManoeuvre
+from app.assessment.trim import AFTERWARDS, CausalTrim, FollowedManoeuvre, TrimSteps
 from app.assessment.validity import surfaces_flown
 from app.campaigns.point import CampaignError, FlownPoint
 from app.telemetry.recording import Recording
@@ -67,7 +67,8 @@ def flown_point(
     as_is = _worst(traces, planned.limits, np.zeros(len(dictionary)), span)
     if worst.part < 1.0 <= as_is.part:
         worst = as_is._replace(words=f"{as_is.words} as recorded, trim not subtracted")
-    elsewhere = exceedances_outside(recorded.traces, dictionary, planned.limits, [span], [rest])
+    about = recorded.traces, dictionary, planned.limits, [span], TrimSteps.constant(rest)
+    elsewhere = exceedances_outside(*about)
     return FlownPoint(
         f"{name}, {where}",
         tuple(map(tuple, y.tolist())),

@@ -69,14 +69,16 @@ class TrimState(NamedTuple):
 
 
 @jit
-def follow(rule, state, y, first):
+def follow(rule, state, y, first, levels):
     """Follow samples from number `first` on, up to one with which a manoeuvre begins or is over.
 
-    y: (n, n_channels) [SI].   Returns the number after it, or n.
+    y: (n, n_channels) [SI].   levels: (n, n_channels) filled, see `level`.   Returns the number
+    after it, or n.
     """
     for i in range(first, y.shape[0]):
         before = state.counts[MANOEUVRE]
         _update(rule, state, y[i])
+        level(rule, state, levels[i])
         if state.counts[MANOEUVRE] != before:
             return i + 1
     return y.shape[0]
@@ -88,6 +90,23 @@ def follow_one(rule, state, y):
     before = state.counts[MANOEUVRE]
     _update(rule, state, y)
     return state.counts[MANOEUVRE] != before and state.counts[MANOEUVRE] != 0
+
+
+@jit
+def level(rule, state, trim):
+    """Fill in the last trim (n_channels,), NaN where unknown; 0 where it is not subtracted.
+
+    At rest a trim that is itself beyond the limit is unknown: it may be an exceedance.
+    """
+    at_rest = state.counts[MANOEUVRE] == 0
+    for c in range(trim.shape[0]):
+        known = state.trim[c]
+        if rule.absolute[c]:
+            trim[c] = 0.0
+        elif at_rest and (known <= state.low[c] or known >= state.high[c]):
+            trim[c] = np.nan
+        else:
+            trim[c] = known
 
 
 @jit

@@ -16,6 +16,7 @@ from app.assessment.outcome import (
     exceedances_outside,
     notes_on_outside,
 )
+from app.assessment.trim import TrimSteps
 from app.assessment.wording import verdict
 from app.report.facts import headline
 from app.telemetry.recording import Trace, Traces
@@ -174,7 +175,7 @@ def test_an_exceedance_belongs_to_the_manoeuvre_it_begins_in():
     traces = Traces({"Ny": Trace(t, value)})
     limits = Limits(Ny=0.2).envelope
     found = exceedances_outside(
-        traces, LATERAL, limits, [(5.0, 10.0), (65.0, 75.0)], [np.zeros(6)] * 2
+        traces, LATERAL, limits, [(5.0, 10.0), (65.0, 75.0)], TrimSteps.constant(np.zeros(6))
     )
     assert [c.t for c in found] == pytest.approx([50.0])
     assert APART > 0.5

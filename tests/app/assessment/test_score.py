@@ -17,7 +17,7 @@ from app.assessment import (
 )
 from app.assessment.outcome import RecordedExceedance, against_limits, outcome
 from app.assessment.planned_test import needed_channels
-from app.assessment.trim import GUARD_S
+from app.assessment.trim import GUARD_S, TrimSteps
 from app.assessment.wording import verdict
 from app.report import facts
 from app.telemetry.recording import TelemetryError, Trace, Traces
@@ -247,10 +247,11 @@ def test_an_exceedance_between_the_monitors_samples_counts():
     values = np.where(np.arange(len(t)) == 502, -0.25, 0.01)
     traces = Traces({"Ny": Trace(t, values)})
     limits = Limits(Ny=0.2).envelope
-    limited = against_limits(traces, LATERAL, limits, np.full(6, 0.01), 2.0, 8.0)
+    trim = TrimSteps.constant(np.full(6, 0.01))
+    limited = against_limits(traces, LATERAL, limits, trim, 2.0, 8.0)
     assert limited.exceedance == RecordedExceedance(float(t[502]), "Ny", -0.25 - 0.01)
     assert limited.lost == 0.0
-    later = against_limits(traces, LATERAL, limits, np.full(6, 0.01), 6.0, 8.0)
+    later = against_limits(traces, LATERAL, limits, trim, 6.0, 8.0)
     assert later.exceedance is None
     assert later.peaks[0][:4] == ("Ny", pytest.approx(0.0), -0.2, 0.2)
 

@@ -16,6 +16,7 @@ from app.assessment.outcome import (
     notes_on_outside,
 )
 from app.assessment.scored import ScoredManoeuvre, Validity
+from app.assessment.trim import TrimSteps
 from app.assessment.wording import remarks, verdict, withdrawn
 from app.telemetry.recording import Trace, Traces
 from core.channels import KEYS, LATERAL
@@ -88,7 +89,9 @@ def test_peaks_are_in_display_units():
 def test_a_limited_channel_without_trim_may_have_exceeded_its_limit():
     traces = Traces({key: Trace(np.arange(3.0), np.full(3, 0.1)) for key in KEYS})
     limits = Limits(Ny=0.2).envelope
-    limited = against_limits(traces, LATERAL, limits, np.full(len(KEYS), np.nan), 0.0, 2.0)
+    limited = against_limits(
+        traces, LATERAL, limits, TrimSteps.constant(np.full(len(KEYS), np.nan)), 0.0, 2.0
+    )
     (line,) = of_remarks(limited)
     assert line.startswith("trim of Ny unknown, as recorded |Ny| 0.1 g of 0.2 g")
 

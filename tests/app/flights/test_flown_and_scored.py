@@ -311,3 +311,24 @@ def test_where_only_a_trim_is_unknown_nothing_is_called_missing(tmp_path: Path) 
     assert [each.doubt for each in scored.outside_exceedances] == ["trim unknown"]
     printed = "\n".join(verdict(slow_monitor(), scored))
     assert "exceedance         unknown, trim of Ny unknown" in printed
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "value", "doubts"),
+    [
+        (-0.3, 0.0, 0.25, []),
+        (0.0, 0.3, 0.55, ["as recorded, not from trim"]),
+        (0.0, 0.3, -0.25, [""]),
+    ],
+)
+def test_at_rest_a_limit_is_judged_from_the_trim_of_that_rest(
+    tmp_path: Path, before: float, after: float, value: float, doubts: list[str]
+) -> None:
+    """N_y is trimmed anew after the manoeuvre, then takes a value; its limit is 0.5 g."""
+    flown = doublets(fail=False)[0]
+    y = np.concatenate([0.3 * flown, np.tile(flown[:1], (180, 1))])
+    y[:, NY] += np.interp(np.arange(len(y)), [len(flown), len(flown) + 80], [before, after])
+    y[-6:, NY] = value
+    both = flown_and_scored(tmp_path, in_order(y))
+    assert [each.doubt for each in both.scored.outside_exceedances] == doubts
+    assert (both.record.verdict is not None) == bool(doubts)

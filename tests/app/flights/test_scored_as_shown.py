@@ -205,11 +205,13 @@ def test_a_flight_from_trim_is_scored_as_one(attas: Monitor, tmp_path: Path) -> 
 
 def check(monitor: Monitor, recorder: SilentRecorder, again: ScoredRecording) -> None:
     """The shown samples and assessments are those of the scoring."""
-    shown = [sample.assessment for sample in recorder.waiting(0, 100_000)]
+    settled = recorder.waiting(0, 100_000)
+    shown = [sample.assessment for sample in settled]
     samples = again.samples
     known = np.isin(samples["t"], [one.t for one in shown])
     assert samples["t"][known].tolist() == [one.t for one in shown]
     assert not np.isfinite(samples["y"][~known]).any()
+    np.testing.assert_array_equal(samples["y"][known], [sample.y for sample in settled])
     p_value = np.where(np.isnan(samples["p_value"]), samples["withdrawn"], samples["p_value"])
     whole_withdrawn = {
         number
