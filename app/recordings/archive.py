@@ -80,11 +80,9 @@ Count = Literal[
     "validity_unknown",
 ]
 COUNTS: tuple[str, ...] = get_args(Count)
-ADDED = ("exceedances_as_recorded", "mapping_confidence")
-"""Columns that tables of version 0.2.0 and earlier lack; their `exceedances` include the first."""
 SUMMARY = (
     dict.fromkeys(("monitor", "aircraft", "flight", "month", "samples"), "string")
-    | dict.fromkeys(("epsilon", "start", "end", "peak_risk", ADDED[1]), "float64")
+    | dict.fromkeys(("epsilon", "start", "end", "peak_risk", "mapping_confidence"), "float64")
     | dict.fromkeys(COUNTS, "int64")
 )
 FILES = dict.fromkeys(("flight", "digest", "error", "copy_of"), "string") | {"size": "int64"}

@@ -17,7 +17,6 @@ import numpy as np
 
 from app.assessment import sample_type
 from app.recordings.archive import (
-    ADDED,
     COUNTS,
     FILES,
     ID_LETTERS,
@@ -207,7 +206,7 @@ class ScoredArchive:
         except pa.ArrowException as error:
             raise ArchiveError(f"{self.folder} is damaged: {error}: {SCORE_AGAIN}") from None
         for table, kinds in zip(tables, (SUMMARY, FILES), strict=True):
-            if missing := kinds.keys() - {*table.column_names, *ADDED}:
+            if missing := kinds.keys() - {*table.column_names}:
                 raise ArchiveError(
                     f"{self.folder} has tables without {', '.join(sorted(missing))}: {SCORE_AGAIN}"
                 )
@@ -215,11 +214,7 @@ class ScoredArchive:
             raise ArchiveError(
                 f"{self.folder} is being written, or its writing was interrupted: {SCORE_AGAIN}"
             )
-        summary, files = tables
-        for name in {*ADDED} - {*summary.column_names}:
-            kind = pa.type_for_alias(SUMMARY[name])
-            summary = summary.append_column(name, pa.nulls(len(summary), kind))
-        return ArchiveTables(about[0], summary, files)
+        return ArchiveTables(about[0], *tables)
 
     def _record(self, flight_id: str) -> dict[str, Any]:
         name = f"{RECORDS}/{flight_id}.json"
@@ -284,7 +279,7 @@ def _about(archive: ScoredArchive) -> dict[str, Any]:
 
 
 def _marked(row: dict[str, Any]) -> dict[str, Any]:
-    return row | {"mapping_is_guess": is_guess(row.get("mapping_confidence"))}
+    return row | {"mapping_is_guess": is_guess(row["mapping_confidence"])}
 
 
 def _names(column: Any) -> list[str]:

@@ -63,9 +63,7 @@ class ArchiveCounts(Described):
     n_samples: int
     manoeuvres: int
     exceedances: int = Field(description="from trim")
-    exceedances_as_recorded: int | None = None
-    """as recorded only, not from trim; null if scored by version 0.2.0 or earlier, which counts
-    them in `exceedances`"""
+    exceedances_as_recorded: int = Field(description="as recorded only, not from trim")
     exceedances_outside: int = Field(description="outside every manoeuvre")
     alerts: int
     warned_in_time: int

@@ -14,7 +14,7 @@ import pytest
 from starlette.testclient import TestClient
 
 from app.cli import main
-from app.recordings.archive import ABOUT, ADDED, FILES, SUMMARY
+from app.recordings.archive import ABOUT, FILES, SUMMARY
 from tests.support.api import api, problem
 from tests.support.places import DATA
 
@@ -53,10 +53,7 @@ def large(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rows.sort(key=lambda row: row["flight"])
     about = {ABOUT: json.dumps({"scored": "2026", "version": "1", "source": "s", "monitors": []})}
     for name, kinds in (("summary", SUMMARY), ("files", FILES)):
-        schema = pa.schema(
-            [(key, pa.type_for_alias(kind)) for key, kind in kinds.items() if key not in ADDED],
-            about,
-        )
+        schema = pa.schema([(key, pa.type_for_alias(kind)) for key, kind in kinds.items()], about)
         plain = rows if kinds is SUMMARY else [{"flight": row["flight"]} for row in rows]
         pq.write_table(pa.Table.from_pylist(plain, schema), folder / f"{name}.parquet")
     return folder
@@ -127,7 +124,6 @@ def test_sums_are_those_of_the_rows(client: TestClient, paths: dict[str, str], l
     (total,) = client.get(path).json()
     assert total["flights"] == N_FLIGHTS
     assert total["misses"] == sum(row["misses"] for row in rows)
-    assert total["exceedances_as_recorded"] is None
     groups = client.get(f"{path}&by=aircraft&by=month").json()
     assert len(groups) == len({(row["aircraft"], row["month"]) for row in rows})
     for group in groups:
@@ -203,16 +199,6 @@ def test_a_flight_opens_with_its_samples_to_the_bit(
     unknown = client.get(f"{paths['scored']}/flights/{'0' * 16}")
     assert "deleted" in problem(unknown, 404)
     assert "nobody" in problem(client.get(f"{path}?monitor=nobody"), 404)
-
-
-def test_a_folder_that_is_missing_or_half_scored_is_named(scored: Path, tmp_path: Path) -> None:
-    half = shutil.copytree(scored, tmp_path / "half")
-    (half / "files.parquet").unlink()
-    nothing = tmp_path / "nothing"
-    with api(tmp_path / "data", archives=(str(half), str(nothing))) as client:
-        about, missing = client.get(ARCHIVES).json()
-        assert "not scored to the end" in about["problem"]
-        assert missing["problem"].startswith(f"there is no folder {nothing}")
 
 
 def test_a_link_out_of_the_archive_is_not_followed(scored: Path, tmp_path: Path) -> None:
