@@ -1,7 +1,5 @@
 """The table and files of a study."""
 
-import csv
-import io
 import json
 from pathlib import Path
 from typing import Any
@@ -18,7 +16,7 @@ SHARES = ("miss_rate", "miss_interval", "power", "power_interval")
 
 
 def write_study(result: StudyResult, out: Path) -> str:
-    """Write study.json, study.csv and the figures into `out`; return the table to print.
+    """Write study.json and the figures into `out`; return the table to print.
 
     All files are complete before the first is put in place.
     """
@@ -26,7 +24,6 @@ def write_study(result: StudyResult, out: Path) -> str:
 
     files = {
         "study.json": json.dumps(summary(result), indent=1).encode(),
-        "study.csv": _csv(result).encode(),
         **figures.example_flights(result),
         **figures.render(figures.study_curves(result), "miss_and_power"),
     }
@@ -96,15 +93,3 @@ def _cell(method: MethodResult, row: int) -> str:
     miss, power = method.miss_rate[row], method.power[row]
     (miss_low, miss_high), (low, high) = method.miss_interval[row], method.power_interval[row]
     return f"{miss:.2f} [{miss_low:.2f} {miss_high:.2f}] / {power:.2f} [{low:.2f} {high:.2f}]"
-
-
-def _csv(result: StudyResult) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    head = "method,epsilon,miss_rate,miss_low,miss_high,power,power_low,power_high"
-    writer.writerow(head.split(","))
-    for name, method in result.methods.items():
-        curves = [method.epsilons, *(getattr(method, share) for share in SHARES)]
-        for row in np.column_stack(curves).tolist():
-            writer.writerow([name, *(f"{number:.6g}" for number in row)])
-    return text.getvalue()
