@@ -76,13 +76,6 @@ class Verified:
             raise Damaged(f"{path} is damaged, its digest does not match: {remedy}")
         self._files[path] = known
 
-    def knows(self, path: Path, expected: str) -> bool:
-        """Whether a file had this digest and was not touched since: quick."""
-        try:
-            return self._files.get(path) == (_signature(path), expected)
-        except OSError:
-            return False
-
 
 def _signature(path: Path) -> Signature:
     status = path.stat()

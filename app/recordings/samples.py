@@ -38,10 +38,6 @@ def save_samples(folder: Path, scoring_id: str, samples: Samples) -> None:
                 np.save(file, array, allow_pickle=False)
 
 
-def samples_file(folder: Path, scoring_id: str) -> Path:
-    return folder / f"{scoring_id}.{WHOLE}"
-
-
 def open_samples(
     folder: Path,
     scoring_id: str,
@@ -55,7 +51,7 @@ def open_samples(
 
     Version 0.1.0 used another name for one field, with the same bits.
     """
-    path = samples_file(folder, scoring_id)
+    path = folder / f"{scoring_id}.{WHOLE}"
     verified.check(path, expected, REMEDY, lambda path: digest(_samples(path), rest))
     return _samples(path)
 

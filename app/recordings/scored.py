@@ -27,7 +27,6 @@ from app.recordings.samples import (
     open_samples,
     open_tiles,
     remove,
-    samples_file,
     save_samples,
 )
 from app.recordings.tiles import Window, window_between
@@ -88,11 +87,6 @@ class ScoredRecordings:
         with self.recordings.present(info.recording_id):
             folder = self.files.scorings(info.recording_id)
             return open_samples(folder, info.id, info.digest, self.files.verified)
-
-    def verified(self, info: ScoringInfo) -> bool:
-        """Whether its samples were checked in this process and are unchanged: quick."""
-        path = samples_file(self.files.scorings(info.recording_id), info.id)
-        return self.files.verified.knows(path, info.digest)
 
     def window(
         self, info: ScoringInfo, start: float, end: float, bins: int

@@ -34,13 +34,8 @@ VERDICTS = ("manoeuvres", "outside_exceedances", "notes")
 """Omitted for a damaged scoring."""
 
 
-def answers(
-    scored: ScoredRecordings, infos: list[ScoringInfo], *, verified: bool = False
-) -> list[dict[str, Any]]:
-    """Scorings of a recording, without their samples.
-
-    verified: whether all samples have just been checked; otherwise each scoring has its own flag.
-    """
+def answers(scored: ScoredRecordings, infos: list[ScoringInfo]) -> list[dict[str, Any]]:
+    """Scorings of a recording, without their samples."""
     contents = _contents(scored, infos)
     used = [(info.monitor_id, info.epsilon) for info in infos]
     of_sets = [[(case["monitor"], None) for case in _cases(info)] for info in infos]
@@ -48,7 +43,7 @@ def answers(
     sent = []
     for info, pair, members in zip(infos, used, of_sets, strict=True):
         warned = (monitors[each].warnings for each in members or [pair] if each in monitors)
-        answer = _answer(info, monitors[pair], verified or scored.verified(info))
+        answer = _answer(info, monitors[pair])
         answer["warnings"] = [*dict.fromkeys(chain.from_iterable(warned))]
         answer["alert_above"] = monitors[pair].alert_above(info.epsilon)
         answer["time_zero"] = (
@@ -70,7 +65,7 @@ def _contents(scored: ScoredRecordings, infos: list[ScoringInfo]) -> Contents | 
     return None
 
 
-def _answer(info: ScoringInfo, monitor: MonitorInfo, verified: bool) -> dict[str, Any]:
+def _answer(info: ScoringInfo, monitor: MonitorInfo) -> dict[str, Any]:
     dictionary = Dictionary.from_stored(monitor.dictionary)
     specification = specification_from_plain(info.specification, dictionary)
     channels = limited_channels(dictionary, specification)
@@ -78,14 +73,12 @@ def _answer(info: ScoringInfo, monitor: MonitorInfo, verified: bool) -> dict[str
     plain["manoeuvres"] = worded(info.manoeuvres)
     if info.damage:
         plain |= {key: [] for key in VERDICTS}
-        verified = False
     if (by_set := info.request.get("monitor_set")) is not None:
         plain["monitor_name"] = f"monitor set {by_set['name']}"
     return plain | {
         "damage": info.damage,
         "recording": info.recording_id,
         "monitor": info.monitor_id,
-        "verified": verified,
         "channels": [channel.model_dump() for channel in channels],
     }
 

@@ -121,9 +121,6 @@ class Scoring(Described):
     version: str = Field(description="version of the program that scored it")
     digest: str
     """SHA-256 of the samples; the same request gives the same digest"""
-    verified: bool
-    """whether the samples were compared with the digest since the server started; always true for a
-    single scoring, false in lists for scorings not read yet"""
     damage: str
     """in lists: how the stored scoring is damaged, without its verdicts; empty if intact. A damaged
     single scoring is refused"""
@@ -232,7 +229,7 @@ async def score_recording(recording_id: str, request: ScoringRequest, scored: Sc
     recipe = ScoringRecipe(epsilon, request.trim, intervals)
     info, made = await scored.score(recording_id, monitor_id, recipe, by_set)
     location = {"Location": f"/api/v1/recordings/{recording_id}/scorings/{info.id}"}
-    answered = await asyncio.to_thread(answers, scored, [info], verified=True)
+    answered = await asyncio.to_thread(answers, scored, [info])
     return json_response(answered[0], 201 if made else 200, location)
 
 
@@ -261,7 +258,7 @@ def read_scoring(recording_id: str, scoring_id: str, scored: ScoredDep) -> Scori
     """One scoring with a verdict on each manoeuvre; 500 if its samples are damaged."""
     info = scored.store.scorings.info(recording_id, scoring_id)
     scored.samples(info)
-    return json_response(answers(scored, [info], verified=True)[0])
+    return json_response(answers(scored, [info])[0])
 
 
 @router.delete("/scorings/{scoring_id}", status_code=204, responses=problem_responses(409))

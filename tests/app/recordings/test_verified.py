@@ -58,27 +58,6 @@ def test_p_values_that_were_changed_are_neither_served_nor_reported(
         assert "is damaged, its digest does not match: delete this scoring" in detail
 
 
-def test_a_verdict_is_shown_only_with_the_samples_that_it_was_made_of(
-    stored_scoring: StoredScoring,
-) -> None:
-    scorings = stored_scoring.scoring.rpartition("/")[0]
-
-    def listed() -> list[bool]:
-        return [scoring["verified"] for scoring in stored_scoring.client.get(scorings).json()]
-
-    assert listed() == [False]
-    assert stored_scoring.client.get(stored_scoring.scoring).json()["verified"]
-    assert listed() == [True]
-    (file,) = (f for f in stored_scoring.folder.glob("scorings/*.npy") if "tiles" not in f.name)
-    samples = np.load(file)
-    samples["p_value"] = 0.01
-    np.save(file, samples, allow_pickle=False)
-    assert listed() == [False]
-    assert "is damaged" in problem(stored_scoring.client.get(stored_scoring.scoring), 500)
-    same = stored_scoring.client.post(scorings, json={"monitor": stored_scoring.monitor})
-    assert "is damaged" in problem(same, 500)
-
-
 def test_a_verdict_that_was_changed_is_not_served_and_can_be_deleted(
     stored_scoring: StoredScoring,
 ) -> None:
@@ -95,7 +74,7 @@ def test_a_verdict_that_was_changed_is_not_served_and_can_be_deleted(
     same = stored_scoring.client.post(scorings, json={"monitor": stored_scoring.monitor})
     assert "is damaged" in problem(same, 500)
     (listed,) = stored_scoring.client.get(scorings).json()
-    assert (listed["verified"], listed["manoeuvres"]) == (False, [])
+    assert listed["manoeuvres"] == []
     assert listed["damage"].startswith(f"scoring {scoring} is damaged")
     settings = Settings(data_dir=stored_scoring.folder.parents[1])
     with pytest.raises(doctor.Failed, match=f"scoring {scoring} is damaged"):
