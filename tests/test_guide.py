@@ -29,7 +29,6 @@ SMALL = {
     "study": ["--n-monitors", "2", "--n-test", "50"],
     "train": ["--n-unsafe", "60", "--n-test", "20", "--epsilon", "0.1"],
     "combine": ["--n-unsafe", "50", "--n-test", "200"],
-    "report": ["--n-test", "200"],
     "choose-epsilon": ["--n-test", "3000"],
 }
 """Options that keep a command short; the last of an option counts."""

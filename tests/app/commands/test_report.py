@@ -12,6 +12,7 @@ import pytest
 from scipy.io import loadmat
 
 from app.cli import main
+from app.jobs.training import with_test
 from core.channels import CHANNELS
 from core.monitor import Monitor
 from tests.support.attas import TEST, fly, record_file
@@ -36,7 +37,7 @@ def given(attas: Monitor, flown: np.ndarray, tmp_path: Path, monkeypatch) -> Pat
 
 
 def report(*more: str) -> int:
-    return main(["report", "attas.fwm", "flight.csv", "--n-test", "200", *more])
+    return main(["report", "attas.fwm", "flight.csv", *more])
 
 
 def refused(capsys: pytest.CaptureFixture, *more: str) -> str:
@@ -48,7 +49,11 @@ def refused(capsys: pytest.CaptureFixture, *more: str) -> str:
     return line
 
 
-def test_a_report_is_one_file_that_says_it_all(given: Path, capsys: pytest.CaptureFixture):
+def test_a_report_is_one_file_that_says_it_all(
+    given: Path, attas: Monitor, capsys: pytest.CaptureFixture
+):
+    tested, _ = with_test(attas, TEST, 200, 0.25)
+    tested.save(given / "attas.fwm")
     assert report() == 0
     printed = capsys.readouterr().out
     assert "written: flight-report.html" in printed
@@ -84,7 +89,7 @@ def test_exports_lie_beside_it_and_are_what_score_writes(given: Path):
 def test_each_monitor_at_each_epsilon_gets_its_own_report(given: Path, attas: Monitor):
     attas.save(given / "other.fwm")
     arguments = ["report", "attas.fwm", "other.fwm", "flight.csv", "--epsilon", "0.1,0.4"]
-    assert main([*arguments, "--n-test", "0", "--export", "csv", "-o", "kept.html"]) == 0
+    assert main([*arguments, "--export", "csv", "-o", "kept.html"]) == 0
     labels = [f"kept-{name}-epsilon-{e}" for name in ("attas", "other") for e in ("0.1", "0.4")]
     made = {path.name for path in given.glob("kept*")}
     assert made == {f"{label}{ending}" for label in labels for ending in (".html", ".csv")}
@@ -101,7 +106,6 @@ def test_an_input_is_never_overwritten(given: Path, capsys: pytest.CaptureFixtur
     ("arguments", "words"),
     [
         (["--export", "csv,xlsx"], "--export 'xlsx': choose from csv, parquet, mat"),
-        (["--n-test", "-1"], "--n-test -1: it must be 0 or more"),
         (["-o", "nowhere/kept.html"], "nowhere is not a directory"),
         (["-o", "."], "is a directory: give the path of the file to write"),
         (["--epsilon", "0.0001"], "epsilon=0.0001 needs at least"),
@@ -124,7 +128,7 @@ def test_a_mapping_as_given_is_reported_as_such(given: Path, capsys: pytest.Capt
 
 
 def test_a_monitor_without_a_recipe_has_no_certificate(given: Path, attas: Monitor):
-    replace(attas, dataset_recipe={}).save(given / "attas.fwm")
+    replace(attas, dataset_recipe={}, evaluation=None).save(given / "attas.fwm")
     assert report() == 0
     html = Path("flight-report.html").read_text()
     assert "the monitor's file has no test on fresh flights" in html
@@ -148,7 +152,7 @@ def test_a_file_that_nothing_can_be_said_of_is_reported_but_no_success(
 
 def test_the_real_doublet_is_reported_as_it_is_scored(given: Path):
     flight = str(record_file("attas_rud1"))
-    assert main(["report", "attas.fwm", flight, "--n-test", "0", "-o", "rud1.html"]) == 0
+    assert main(["report", "attas.fwm", flight, "-o", "rud1.html"]) == 0
     html = Path("rud1.html").read_text()
     assert "r_radps" in html
     assert "flight condition" in html
@@ -156,7 +160,7 @@ def test_the_real_doublet_is_reported_as_it_is_scored(given: Path):
 
 def test_the_real_record_of_another_manoeuvre_says_what_was_withdrawn(given: Path):
     flight = str(record_file("attas_ail1"))
-    assert main(["report", "attas.fwm", flight, "--n-test", "0", "-o", "ail1.html"]) == 0
+    assert main(["report", "attas.fwm", flight, "-o", "ail1.html"]) == 0
     html = Path("ail1.html").read_text()
     assert "without the withdrawal the risk would have" in html
     assert "The guarantee is withdrawn for this recording" in html
