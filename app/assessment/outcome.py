@@ -75,6 +75,9 @@ WITHOUT_VERDICT: tuple[Outcome, ...] = (
 )
 UNWARNED: tuple[Outcome, ...] = ("invalid", "unseen")
 """Exceedances that are neither missed nor warned: the monitor was withdrawn or had no data."""
+OBSERVATIONS, LIMITS = "observations within training", "limits in force"
+"""Checks of validity that a live flight makes too: the first needs a calibrated support, the second
+is that the limits in force are the monitor's own."""
 
 
 @dataclass(frozen=True)
@@ -354,6 +357,18 @@ def outcome(
     return ("timely_alert" if lead >= promised - SAME_TIME else "late_alert"), lead
 
 
+def lasting(alerts: Alerts, invalid_t: float, exceeded_t: float, promised: float) -> Alerts:
+    """Alerts that warn of an exceedance: the monitor stayed valid until it, or for the lead.
+
+    An alert that is withdrawn sooner may come from what made the monitor invalid, and its crew had
+    no lead to act on it.   invalid_t: when the monitor last became invalid; infinite if it is valid
+    at the exceedance.   exceeded_t, promised: [s].
+    """
+    if invalid_t >= exceeded_t:
+        return alerts
+    return tuple(each for each in alerts if each[0] + promised <= invalid_t + SAME_TIME)
+
+
 def warned_at(alert_t: float, shown: float, exceeded_t: float, arrived: float) -> float:
     """Time that an alert counts from [s]: when it was shown, however old its sample was by then.
 
@@ -393,7 +408,21 @@ def exceedance_verdict(outcome: Outcome, lead: float | None, promised: float | N
 
 
 def wording_of(manoeuvre: Mapping[str, Any]) -> Wording:
-    """The wording of a stored manoeuvre (plain data); an exceedance comes first."""
+    """The wording of a stored manoeuvre (plain data); an exceedance comes first.
+
+    What was shown in flight stays; a check of the whole manoeuvre that fails is said after it.
+    """
+    sign, word, level, text = wording = _as_shown(manoeuvre)
+    checks = manoeuvre["validity"].get("checks", ())
+    failed = [each for each in checks if each["ok"] is False]
+    failed = [each["text"] for each in failed if each["name"] not in (OBSERVATIONS, LIMITS)]
+    if not failed or manoeuvre["outcome"] in WITHOUT_VERDICT:
+        return wording
+    sign, level = ("◆", "caution") if level == "ok" else (sign, level)
+    return Wording(sign, f"{word}; NO GUARANTEE", level, f"{text}; no guarantee: {failed[0]}")
+
+
+def _as_shown(manoeuvre: Mapping[str, Any]) -> Wording:
     wording = OUTCOMES[manoeuvre["outcome"]]
     verdict = verdict_of(manoeuvre)
     if not verdict:

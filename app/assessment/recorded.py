@@ -43,6 +43,7 @@ from app.telemetry.units import convert
 from core.channels import LATERAL, Channel, Dictionary
 from core.computed import fill
 from core.kernels.causal_grid import FASTER, ON_GRID, RATE_RATIO, values_at
+from core.limits.exceedance import SAME_TIME
 from core.monitor import Monitor, State
 from core.monitor.assessment import STATES
 from core.types import Array, Flags, Indices
@@ -50,6 +51,8 @@ from core.types import Array, Flags, Indices
 CONDITION = ("V", "h")
 MISSING = {"state": STATES.index(State.INVALID), "alert": False, "manoeuvre": BETWEEN}
 """Fields of a time without a sample; the others are NaN."""
+RECEIVED_NEAR = 2.0
+"""A received sample is judged before those of the grid up to this many intervals earlier."""
 SPARSE = 1.5
 """A channel whose usual step is this many times that of its rows has its own clock."""
 BLOCK = 65_536
@@ -159,6 +162,15 @@ class RecordedFlight:
                 for (begin, end), at in zip(alerts, shown[rows].tolist(), strict=True)
             )
         )
+
+    def is_before(self, row: int, exceedance: RecordedExceedance) -> bool:
+        """Whether a sample was shown before an exceedance was judged."""
+        t, shown = float(self.recording.t[row]), self.grid.shown
+        if shown is None or exceedance.arrived is None:
+            return t < exceedance.t - SAME_TIME
+        if (when := float(shown[row])) == exceedance.arrived:  # of one batch
+            return t + RECEIVED_NEAR * self.monitor.dt < exceedance.t
+        return when < exceedance.arrived
 
     @property
     def manoeuvres(self) -> list[FollowedManoeuvre]:

@@ -4,6 +4,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import takewhile
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from app.assessment.outcome import (
     alert_times,
     exceedances_outside,
     holes_in,
+    lasting,
     notes_on_outside,
     outcome,
 )
@@ -170,6 +172,7 @@ class JudgedSegment:
 
     begin: its first assessed sample; earlier ones are its rest.   withdrawal: the first sample of
     these without an assessment, and why; None if the monitor applies throughout.
+    outside: the first sample outside training; None if none is.
     inputs: flown inputs of the planned surfaces.   silent: samples from `begin` on where other
     limits than the monitor's were in force.   in_force: those limits, in plain data.
     own: judged by the monitor's limits, where others were in force.
@@ -186,6 +189,7 @@ class JudgedSegment:
     in_force: tuple[dict[str, Any], ...] = ()
     own: Limited | None = None
     unknown: str = ""
+    outside: int | None = None
 
     @property
     def assessments(self) -> Assessments:
@@ -209,6 +213,10 @@ class JudgedSegment:
         """Whether every sample lacks a channel that the monitor needs."""
         y = self.assessed.recording.y[self.begin : self.stop]
         return bool(np.isnan(y[:, self.assessed.needed]).any(axis=1).all())
+
+    def was_before(self, k: int, exceedance: RecordedExceedance) -> bool:
+        """Whether assessment k was shown before an exceedance; the first always was."""
+        return k == 0 or self.assessed.flight.is_before(self.begin + k, exceedance)
 
     def withdrawn(self, part: slice) -> Flags:
         """Samples of a part at which the monitor is not applicable, for any reason."""
@@ -269,6 +277,7 @@ def _judge(
     verdict, withdrawal = validity(assessed)
     if withdrawal is not None:
         withdrawal = withdrawal._replace(first=max(0, withdrawal.first - n_history))
+    outside = None if withdrawal is None else withdrawal.first
     silent, in_force, own = np.zeros(len(t), bool), (), None
     if flight.timeline is not None and flight.members:
         in_force = tuple(flight.timeline.intervals(float(t[0]), interval[1]))
@@ -276,7 +285,7 @@ def _judge(
             verdict = Validity(False, reasons=(segment.unused,))
             withdrawal = Withdrawal(0, segment.unused)
         if segment.joins:
-            withdrawal = Withdrawal(0, segment.joins)
+            withdrawal, outside = Withdrawal(0, segment.joins), None
             verdict = replace(verdict, valid=False, reasons=(segment.joins, *verdict.reasons))
     elif flight.timeline is not None:
         silent = flight.timeline.silent(t)
@@ -293,7 +302,7 @@ def _judge(
         verdict = ended_early(verdict, segment.ends_early)
     if not segment.is_rest:
         inputs = monitor.flown_input(y, monitor.last_counted(y), flight.planned.amplitudes)
-    about = limited, verdict, withdrawal, inputs, silent, in_force, own, unknown
+    about = limited, verdict, withdrawal, inputs, silent, in_force, own, unknown, outside
     return JudgedSegment(assessed, begin, *about)
 
 
@@ -465,49 +474,49 @@ def _verdict(
     rises = peak is not None and part["p_value"][peak] > smallest_epsilon(flight.monitor.n_unsafe)
     alerts = alert_times(part["t"], part["alert"])
     is_missing = peak is None and judged.is_missing
-    limited, promised = judged.limited, flight.promised
+    limited, exceedance, promised = judged.limited, judged.limited.exceedance, flight.promised
     withdrawal, own, onset = judged.withdrawal, judged.own, judged.segment.onset
     is_cut = goes_on or bool(judged.segment.ends_early)
-    warned = alerts if limited.exceedance is None else (*earlier, *alerts)
-    warned = flight.warned(limited.exceedance, warned)
-    result, lead = outcome(warned, limited.exceedance, promised, is_cut=is_cut, calls=calls)
+    warned, is_withdrawn, invalid_t = alerts, withdrawal is not None, inf
+    is_outside = False
+    if exceedance is not None:
+        begins_t = judged.assessments.t[0] if onset is not None else -inf
+        is_outside = flight.grid.shown is not None and exceedance.t <= begins_t + SAME_TIME
+        is_withdrawn = withdrawal is not None and judged.was_before(withdrawal.first, exceedance)
+        if judged.outside is not None and judged.was_before(judged.outside, exceedance):
+            invalid_t = float(judged.assessments.t[judged.outside])
+        warned = lasting((*earlier, *alerts), invalid_t, exceedance.t, promised)
+        warned = flight.warned(exceedance, warned)
+    result, lead = outcome(warned, exceedance, promised, is_cut=is_cut, calls=calls)
     limits_known = flight.planned.limits_known or bool(judged.in_force)
     if not limits_known:
         result, lead = "unknown", None
-    elif not warned and (withdrawal is not None or _was_silent(judged)):
+    elif not warned and (is_withdrawn or _was_silent(judged)):
         result, lead = "invalid", None
-    elif limited.exceedance is None and (_were_unknown(judged) or (own and own.exceedance)):
+    elif exceedance is None and (_were_unknown(judged) or (own and own.exceedance)):
         result, lead = "invalid", None  # the alert was about limits that may not be in force
-    elif judged.segment.is_rest:
+    elif judged.segment.is_rest or is_outside:
         result, lead = "unassessed", None
     elif peak is None and lead is None:
         result = "invalid"
     lines = list(limits_remarks(judged.in_force, own, flight.planned))
     is_unused = bool(judged.segment.unused)
     if withdrawal is not None and not is_unused:
-        lines.append(withdrawn(judged.assessments, withdrawal.first, limited, alert_above))
+        lines.append(withdrawn(judged.assessments, withdrawal.first, limited, alert_above, warned))
     why = ""
     if not limits_known or is_unused:
         pass
     elif judged.unknown:
         why = judged.unknown
-    elif limited.exceedance is None:
+    elif exceedance is None:
         about = limited, judged.assessments, None if peak is None and not is_missing else alerts
         keys = {peak.channel for peak in limited.peaks}
         why = why_outcome_unknown(*about, flight.monitor.dt) or _why_frozen(flight, part["t"], keys)
-    elif (
-        (withdrawal is None or is_missing)
-        and not _was_silent(judged)
-        and not judged.segment.is_rest
-    ):
-        about = limited, limited.exceedance, judged.assessments, warned, promised
+    elif (not is_withdrawn or is_missing) and not _was_silent(judged) and result != "unassessed":
+        about = limited, exceedance, judged.assessments, warned, promised
         why = why_warning_unknown(*about, flight.monitor.dt)
-    if (
-        not why
-        and limited.exceedance is not None
-        and result in ("missed", "late_alert", "unassessed")
-    ):
-        why = _why_frozen(flight, part["t"][part["t"] < limited.exceedance.t - SAME_TIME])
+    if not why and exceedance is not None and result in ("missed", "late_alert", "unassessed"):
+        why = _why_frozen(flight, part["t"][part["t"] < exceedance.t - SAME_TIME])
     if why:
         result, lead = "unseen", None
         lines.append(why)
@@ -524,7 +533,7 @@ def _verdict(
         peak_risk=None if peak is None else float(part["p_value"][peak]),
         peak_t=float(part["t"][peak]) if rises else None,
         alerts=alerts,
-        exceedance=limited.exceedance,
+        exceedance=exceedance,
         recorded_exceedance=limited.recorded,
         lead=lead,
         promised=promised,

@@ -42,8 +42,6 @@ def sample_type(n_channels: int) -> np.dtype:
     )
 
 
-OBSERVATIONS = "observations within training"
-"""Name of the check that needs a calibrated support."""
 BLOCK = 4096
 """Rows that fit in a processor's cache."""
 MOST_MANOEUVRES = int(np.iinfo(np.int16).max)

@@ -9,9 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from app.assessment.coverage import lost_samples
+from app.assessment.outcome import LIMITS, OBSERVATIONS
 from app.assessment.planned_test import PlannedTest, first_direction, read_channels
 from app.assessment.recorded import RecordedFlight
-from app.assessment.scored import OBSERVATIONS, Check, Validity
+from app.assessment.scored import Check, Validity
 from app.assessment.segments import Segment
 from app.assessment.trim import largest_at_rest
 from app.telemetry.recording import Recording
@@ -85,15 +86,14 @@ def largest(y: Array) -> Array:
 
 
 PART = Check("manoeuvre", None, "only a part of it, after the monitor came into use")
-LIMITS = "limits in force"
-"""Name of the check that these are the monitor's own limits."""
 
 
 def validity(assessed: AssessedSegment) -> tuple[Validity, Withdrawal | None]:
     """Check a manoeuvre; return its validity and the withdrawal, if any.
 
     The withdrawal starts where a live stream withdraws. If another check fails (airspeed, wrong
-    manoeuvre: a stream cannot know these), it starts at the first sample. None if valid throughout.
+    manoeuvre: a stream cannot know these), it starts at the first sample; but a flight that was
+    shown is withdrawn only where its crew saw so. None if valid throughout.
     """
     verdict, withdrawal = support(assessed)
     enough = coverage(assessed)
@@ -121,7 +121,8 @@ def validity(assessed: AssessedSegment) -> tuple[Validity, Withdrawal | None]:
         reasons=failed + lacking + as_shown,
         checks=checks,
     )
-    return result, Withdrawal(0, in_words(failed)) if failed else withdrawal
+    is_shown = assessed.flight.grid.shown is not None and not _without_trim(assessed)
+    return result, Withdrawal(0, in_words(failed)) if failed and not is_shown else withdrawal
 
 
 def ended_early(verdict: Validity, why: str) -> Validity:

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 
 from app.assessment.outcome import (
+    OBSERVATIONS,
     OUTCOMES,
+    Alerts,
     Limited,
     Peak,
     RecordedExceedance,
@@ -17,7 +19,7 @@ from app.assessment.outcome import (
     verdict_of,
 )
 from app.assessment.planned_test import PlannedTest, limits_of
-from app.assessment.scored import OBSERVATIONS, ScoredManoeuvre, ScoredRecording, Validity
+from app.assessment.scored import ScoredManoeuvre, ScoredRecording, Validity
 from app.assessment.segments import Segment
 from app.telemetry.mapping.mapping import time_of_day
 from app.telemetry.targets import TARGETS
@@ -66,10 +68,12 @@ def guarantee(monitor: Monitor, validity: Validity, epsilon: float, use: str = "
     )
 
 
-def withdrawn(assessments: Assessments, first: int, limited: Limited, alert_above: float) -> str:
+def withdrawn(
+    assessments: Assessments, first: int, limited: Limited, alert_above: float, counted: Alerts
+) -> str:
     """What the withdrawn assessments of a segment would have shown.
 
-    first: the first withdrawn sample; an alert before it remains.
+    first: the first withdrawn sample; an alert before it remains.   counted: alerts that count.
     """
     without, p_value = "without the withdrawal", assessments.p_value
     if np.isnan(p_value).all():
@@ -85,7 +89,8 @@ def withdrawn(assessments: Assessments, first: int, limited: Limited, alert_abov
     remains = over[0] < first
     when = f"{without} the risk would have exceeded {alert_above:.4g} at {t:.2f} s"
     if remains:
-        when = f"the alert at {t:.2f} s remains"
+        counts = "remains" if counted else "counts as no warning"
+        when = f"the alert at {t:.2f} s {counts}"
     if exceedance is not None:
         ahead = exceedance.t - t
         side = "before" if ahead >= -SAME_TIME else "after"

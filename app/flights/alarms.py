@@ -23,7 +23,7 @@ from app.assessment.input_checks import DOUBT_KINDS, Doubt
 from app.flights.clock import Clock
 from app.flights.verdict import exceeds_from_trim
 from core.flight_events import Alarm
-from core.limits.exceedance import NOT_PLAUSIBLE, Exceeded, MeasuredExceedance
+from core.limits.exceedance import NOT_PLAUSIBLE, SAME_TIME, Exceeded, MeasuredExceedance
 from core.monitor import Assessment, State
 from core.monitor.assessment import Cause
 from core.monitor.status import ALARM_LEVELS, AlarmKind, Level
@@ -246,11 +246,15 @@ class Alarms:
     ) -> list[Alarm]:
         """A received sample exceeds a limit: return the alarm that this raises, if any.
 
+        One that came after later samples and is the earliest beyond a limit raises its own alarm.
         seq: of the newest grid sample.   reason: what is in doubt of it; empty for nothing.
         manoeuvre: see Alarm.
         """
         t, exceedance, arrived = exceeded
         self._renew_limit(exceedance)
+        first = self._evidence.get("limit" if exceedance.judged == "recorded" else "from trim")
+        if first is not None and t < first.t - SAME_TIME:
+            self._onsets["limit"].renew()
         about = {"t": t, "exceedance": exceedance, "reason": reason or None, "arrived": arrived}
         about["manoeuvre"] = manoeuvre
         return self._begin("limit", seq, t, clock, seq, **about)

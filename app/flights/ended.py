@@ -22,6 +22,7 @@ from app.assessment.planned_test import known_test
 from app.assessment.segments import too_short
 from app.flights.display_monitors import stated_delay
 from app.flights.verdict import (
+    Before,
     Circumstances,
     SampleCause,
     before_exceedance,
@@ -53,6 +54,8 @@ from core.types import Indices
 RUNNING = "running"
 NO_SAMPLE: NewestState = STATES.index(State.WARMING_UP), "no sample came", None
 """Of a flight that ended before its first sample."""
+MOST_BEFORE = 10_000
+"""Samples before an exceedance that are read: more than those of a manoeuvre."""
 INVALID, STALE = STATES.index(State.INVALID), STATES.index(State.STALE)
 LIMITS_UNKNOWN = CAUSES.index(Cause.LIMITS_UNKNOWN)
 LOST, REST = ([CAUSES.index(cause) for cause in causes] for causes in (DATA_MISSING, RESTS))
@@ -348,11 +351,12 @@ def _exceeded(info: FlightInfo, alarms: Sequence[Alarm]) -> list[float]:
     return exceeded if info.exceeded_t is None else [*exceeded, info.exceeded_t]
 
 
-def stored_before(
-    store: Store, flight_id: str, first: Alarm, lead: float, dt: float
-) -> tuple[bool, bool, str]:
+def stored_before(store: Store, flight_id: str, first: Alarm, lead: float, dt: float) -> Before:
     """See before_exceedance. first: alarm of the exceedance."""
-    stored = store.flights.assessments(flight_id, max(first.seq - n_before(lead, dt), 0), first.seq)
-    about = zip(stored.t.tolist(), stored.state, stored.cause, strict=True)
-    samples = [SampleCause(t, STATES[state], CAUSES[cause]) for t, state, cause in about]
+    since = max(first.seq - max(n_before(lead, dt), MOST_BEFORE), 0)
+    stored = store.flights.assessments(flight_id, since, first.seq)
+    about, samples = zip(stored.t.tolist(), stored.state, stored.cause, strict=True), []
+    for t, state, cause in about:
+        sample = SampleCause(t, STATES[state], CAUSES[cause])
+        samples.append(sample.after(samples[-1] if samples else None))
     return before_exceedance(first.t, samples, lead, dt)

@@ -27,6 +27,7 @@ from app.flights.recorder import Recorder
 from app.flights.transport import NotPossible, TransportError
 from app.flights.verdict import (
     UNASSESSED,
+    Before,
     Circumstances,
     SampleCause,
     before_exceedance,
@@ -194,7 +195,7 @@ class Flight(ABC):
         self._has_new_evidence = False
         n = n_before(monitor.lead, monitor.dt)
         self._newest = deque[SampleCause](maxlen=n + 1)
-        self._before_exceedance = False, False, ""
+        self._before_exceedance = Before()
         self._manoeuvre = 0
 
     @property
@@ -572,7 +573,8 @@ class Flight(ABC):
         about = display, taken, ahead, attitude, is_integrated, sensor
         frame = plain_frame(self._recent.head + 1, y, assessment, sent, *about)
         self._recent.append(encode_frame(frame))
-        self._newest.append(SampleCause(assessment.t, assessment.state, assessment.cause))
+        cause = SampleCause(assessment.t, assessment.state, assessment.cause)
+        self._newest.append(cause.after(self._newest[-1] if self._newest else None))
         self.t, self._assessment, self._pose = assessment.t, assessment, (attitude, y)
         self._exceeds = exceedance is not None
         at, named, _ = (assessment.t, None, "") if exceedance is None else exceedance
@@ -642,7 +644,7 @@ class Flight(ABC):
         if self._has_new_evidence and self._newest:
             self._judge(seq)
         elif self._has_new_evidence:
-            self.judge((False, False, UNASSESSED))
+            self.judge(Before(unassessed=UNASSESSED))
 
     def _doubt(self, doubts: tuple[Doubt, ...]) -> None:
         if doubts or self.doubts:
@@ -658,14 +660,14 @@ class Flight(ABC):
             self._before_exceedance = before_exceedance(first.t, *about)
         self.judge(self._before_exceedance)
 
-    def judge(self, before: tuple[bool, bool, str]) -> None:
+    def judge(self, before: Before) -> None:
         """Decide the verdict. before: see before_exceedance."""
         self._has_new_evidence, self._before_exceedance = False, before
         alarms, live = self.alarms.evidence, self.plan.source.get("kind") == "live"
         reached = [alarm.t for alarm in alarms if alarm.kind == "limit"]
         if self.manoeuvres is None or not reached:
-            about = self.lead, *before, live, self._longest, self.plan.monitor.dictionary.controls
-            self.verdict = verdict(alarms, Circumstances(*about))
+            about = live, self._longest, self.plan.monitor.dictionary.controls
+            self.verdict = verdict(alarms, Circumstances(self.lead, *before, *about))
         else:
             about = alarms, reached, self.plan.monitor.dt, self.lead
             self.verdict = verdict_of_recording(self.manoeuvres, *about)

@@ -27,7 +27,7 @@ from app.flights.sources.playback import Script
 from app.flights.sources.simulated import trim_angles
 from app.flights.sources.udp import UdpAccess
 from app.flights.transport import NotPossible
-from app.flights.verdict import first_exceedance
+from app.flights.verdict import Before, first_exceedance
 from app.recipes.recipes import simulated_test
 from app.recordings.scored import ScoredRecordings
 from app.store.flights import INTERRUPTED, FlightInfo, FlightInProgress
@@ -305,7 +305,7 @@ class Flights:
                 about = reader.lines(), stored, alarms, markers
                 unrecorded = await asyncio.to_thread(flight.restore, *about)
                 flight.digest = reader.digest
-                before = False, False, ""
+                before = Before()
                 if (first := first_exceedance(alarms)) is not None:
                     about = flight_id, first, flight.lead, plan.monitor.dt
                     before = await asyncio.to_thread(stored_before, self.store, *about)

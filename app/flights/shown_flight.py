@@ -11,6 +11,7 @@ import numpy as np
 
 from app.assessment.grid import IntegratedAngles
 from app.assessment.input_checks import Doubt
+from app.assessment.recorded import RECEIVED_NEAR
 from app.assessment.rulings import InForceFrom, Ruling
 from app.assessment.scorer import LiveAssessed, ReceivedExceedance, rescored
 from app.flights.flight import stale_after
@@ -65,7 +66,7 @@ class ShownFlight(StoredScript):
         self._far: list[Mapping[str, int]] = []
         self._late: list[str] = []
         self._came: list[float] = []
-        self.near = 2.0 * setup.dt
+        self.near = RECEIVED_NEAR * setup.dt
         self._is_detected = setup.trim == "detected"
         self._received: dict[int, list[ReceivedExceedance]] = {}
         self.keys = setup.monitor.dictionary.keys

@@ -15,6 +15,7 @@ from app.assessment.outcome import (
     Outcome,
     RecordedExceedance,
     exceedance_verdict,
+    lasting,
     outcome,
     recorded_verdict,
     verdict_of,
@@ -47,6 +48,7 @@ class Circumstances(NamedTuple):
     could not warn.
     withdrawn: the monitor was not applicable by then; without an alarm it has not missed.
     unassessed: the verdict if no sample could warn of it in time, see `unassessed`; else empty.
+    invalid_t: see `lasting`.
     live: alarms stored without `arrived` count from when they were raised.
     longest: [s] an earlier alert belongs to another manoeuvre.
     controls: their keys; where one was frozen, the monitor has not missed.
@@ -56,6 +58,7 @@ class Circumstances(NamedTuple):
     jumped: bool = False
     withdrawn: bool = False
     unassessed: str = ""
+    invalid_t: float = inf
     live: bool = False
     longest: float = inf
     controls: tuple[str, ...] = ()
@@ -64,12 +67,32 @@ class Circumstances(NamedTuple):
 AS_FLOWN = Circumstances()
 
 
+class Before(NamedTuple):
+    """Circumstances of an exceedance by the samples before it."""
+
+    jumped: bool = False
+    withdrawn: bool = False
+    unassessed: str = ""
+    invalid_t: float = inf
+
+
 class SampleCause(NamedTuple):
-    """A sample at t [s], and why it was not assessed."""
+    """A sample at t [s], and why it was not assessed.
+
+    invalid_t: when the monitor became invalid [s]; infinite if it is not.
+    """
 
     t: float
     state: State
     cause: Cause | None = None
+    invalid_t: float = inf
+
+    def after(self, before: "SampleCause | None") -> "SampleCause":
+        """Data that are missing do not make a monitor valid again."""
+        invalid_t = inf if before is None or self.cause not in DATA_MISSING else before.invalid_t
+        if self.state is State.INVALID and self.cause is None:
+            invalid_t = self.t if before is None else min(before.invalid_t, self.t)
+        return self._replace(invalid_t=invalid_t)
 
     @property
     def is_withdrawn(self) -> bool:
@@ -80,7 +103,7 @@ class SampleCause(NamedTuple):
 
 def verdict(alarms: Iterable[Alarm], circumstances: Circumstances = AS_FLOWN) -> Verdict | None:
     """How the first exceedance from trim was warned of; None without an exceedance."""
-    promised, jumped, withdrawn, unassessed, live, longest, controls = circumstances
+    promised, jumped, withdrawn, unassessed, invalid_t, live, longest, controls = circumstances
     alarms = [*alarms]
     jumped &= not live
     first, raw = first_exceedance(alarms), _first(alarms)
@@ -90,6 +113,7 @@ def verdict(alarms: Iterable[Alarm], circumstances: Circumstances = AS_FLOWN) ->
         _warned(alarm, first, live)
         for alarm in alarms
         if alarm.kind == "risk"
+        and lasting(((alarm.t, alarm.t),), invalid_t, first.t, promised)
         and first.t - longest <= alarm.t <= first.t
         and (None in (alarm.manoeuvre, first.manoeuvre) or alarm.manoeuvre == first.manoeuvre)
         and not (jumped and alarm.seq >= first.seq)
@@ -181,16 +205,14 @@ def n_before(lead: float, dt: float) -> int:
     return max(BEFORE, ceil(2.0 * lead / dt) + 1)
 
 
-def before_exceedance(
-    t: float, samples: Sequence[SampleCause], lead: float, dt: float
-) -> tuple[bool, bool, str]:
-    """`jumped`, `withdrawn` and `unassessed` of the Circumstances of an exceedance.
-
-    See `unassessed`; samples: n_before of them, and that of the exceedance.
-    """
+def before_exceedance(t: float, samples: Sequence[SampleCause], lead: float, dt: float) -> Before:
+    """See `unassessed`; samples: n_before of them or more, and that of the exceedance."""
+    newest = samples[-1:]
+    samples = samples[-n_before(lead, dt) - 1 :]
     jumped = is_jump(np.array([sample.t for sample in samples[-BEFORE - 1 :]]), dt)
-    withdrawn = any(sample.is_withdrawn for sample in samples[-1:])
-    return jumped, withdrawn, unassessed(t, samples, lead, dt)
+    withdrawn = any(sample.is_withdrawn for sample in newest)
+    invalid_t = min((sample.invalid_t for sample in newest), default=inf)
+    return Before(jumped, withdrawn, unassessed(t, samples, lead, dt), invalid_t)
 
 
 def unassessed(t: float, samples: Iterable[SampleCause], lead: float = 0.0, dt: float = 1.0) -> str:
@@ -201,8 +223,10 @@ def unassessed(t: float, samples: Iterable[SampleCause], lead: float = 0.0, dt: 
     """
     before = [sample for sample in samples if sample.t < t - SAME_TIME]
     known = [sample for sample in before if sample.cause not in DATA_MISSING]
+    if known and known[-1].cause in RESTS:
+        return OUTSIDE
     if not any(sample.state is State.OK for sample in known):
-        return OUTSIDE if known and known[-1].cause in RESTS else UNASSESSED
+        return UNASSESSED
     rests = [k for k, sample in enumerate(before) if sample.cause in RESTS]
     part = before[rests[-1] + 1 if rests else 0 :]
     if not part:

@@ -88,15 +88,16 @@ def headline(manoeuvres: Sequence[Plain], outside: Sequence[Plain] = ()) -> tupl
 def _of_exceeded_invalid(exceeded: Sequence[Plain]) -> tuple[str, str]:
     """Headline of invalid manoeuvres; an alert before the withdrawal counts."""
     warned = {"timely_alert": ("caution", "in time"), "late_alert": ("bad", "too late")}
-    outcomes = {s["outcome"] for s in exceeded}
+    outcomes, first = {s["outcome"] for s in exceeded}, exceeded[0]
+    if outcomes == {"missed"}:
+        return "bad", "A limit was exceeded without an alert and without a guarantee"
     if len(outcomes) > 1 or not outcomes <= warned.keys():
         return "bad", "A limit was exceeded where the monitor is not applicable"
     level, when = warned[outcomes.pop()]
+    if (t := first.get("withdrawn_t")) is None:
+        return level, f"A limit was exceeded, warned {when}, without a guarantee"
     words = f"A limit was exceeded, warned {when} before the monitor was withdrawn"
-    first = exceeded[0]
-    if (t := first.get("withdrawn_t")) is not None:
-        words += f" at {t:.2f} s ({first['withdrawn_reason']})"
-    return level, words
+    return level, f"{words} at {t:.2f} s ({first['withdrawn_reason']})"
 
 
 def _is_invalid(manoeuvre: Plain) -> bool:

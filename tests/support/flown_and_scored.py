@@ -81,11 +81,13 @@ def flown_and_scored(
     by_set: bool = False,
     trim: str = "detected",
     calls: Sequence[float] = (),
+    monitor: Monitor | None = None,
 ) -> FlownAndScored:
-    """calls: times of ABORT [s]."""
+    """calls: times of ABORT [s].   monitor: the slow one unless given."""
+    flown_by = monitor or slow_monitor()
     root.mkdir(exist_ok=True)
     store, clock, journals = open_store(root / "store.db"), ScriptedClock(), Journals(root / "live")
-    known = {"slow": slow_monitor(), "fast": fast_monitor()}
+    known = {"slow": flown_by, "fast": fast_monitor()}
     ids = {name: store.monitors.add(monitor, name).id for name, monitor in known.items()}
     ends: dict[str, Any] = {"slow": (None, 0.8), "fast": (0.8, 1.2)}
     info = store.monitors.info
@@ -120,6 +122,6 @@ def flown_and_scored(
         if by_set:
             in_use = set_in_use(store, store.monitor_sets.info(set_id), {})
             history = SetHistory.of(columns, mapping, in_use)
-        scored = score(slow_monitor(), recorded, ScoringRecipe(), history)
+        scored = score(flown_by, recorded, ScoringRecipe(), history)
     store.close()
     return FlownAndScored(record, scored)

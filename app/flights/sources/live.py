@@ -20,6 +20,7 @@ import numpy as np
 
 from app.assessment.batches import Batch, ChannelReader, decode_batch
 from app.assessment.monitors_in_use import MonitorsInUse
+from app.assessment.recorded import RECEIVED_NEAR
 from app.assessment.rulings import LimitsInForce, Ruling
 from app.assessment.scorer import (
     CausalScorer,
@@ -168,7 +169,7 @@ class LiveFlight(Flight):
 
     def __init__(self, plan: FlightPlan, setup: LiveSetup, *about: Any, **more: Any) -> None:
         self.scorer = setup.scorer()
-        self._near = 2.0 * setup.dt
+        self._near = RECEIVED_NEAR * setup.dt
         super().__init__(plan, *about, **more)
         self._pace_recorder()
         self.dt, self.is_checked = setup.dt, plan.monitor.support is not None

@@ -56,20 +56,22 @@ def of_remarks(limited: Limited) -> tuple[str, ...]:
     ],
 )
 def test_a_withdrawn_alert_is_reported_with_its_lead(limited: Limited, end: str):
-    words = withdrawn(assessments(np.nan, 0.1, 0.11, 0.9), 1, limited, 0.1)
+    words = withdrawn(assessments(np.nan, 0.1, 0.11, 0.9), 1, limited, 0.1, ())
     assert words == f"without the withdrawal the risk would have exceeded {end}"
 
 
 def test_an_alert_before_the_withdrawal_remains():
-    words = withdrawn(assessments(np.nan, 0.1, 0.11, 0.9), 3, exceeded(8.51), 0.1)
+    about = assessments(np.nan, 0.1, 0.11, 0.9), 3, exceeded(8.51), 0.1
+    words = withdrawn(*about, ((8.2, 8.2),))
     assert words.startswith("the alert at 8.20 s remains, 0.31 s before the exceedance: ")
     assert words.endswith("withdrawn from 8.30 s on")
+    assert "counts as no warning" in withdrawn(*about, ())
 
 
 def test_a_withdrawn_manoeuvre_without_alert_reports_its_peak_risk():
-    words = withdrawn(assessments(np.nan, 0.05, 0.031), 1, NONE, 0.1)
+    words = withdrawn(assessments(np.nan, 0.05, 0.031), 1, NONE, 0.1, ())
     assert words.endswith("stayed at or below 0.1, at most 0.050 at 8.10 s")
-    assert "no sample was assessed" in withdrawn(assessments(np.nan, np.nan), 0, NONE, 0.1)
+    assert "no sample was assessed" in withdrawn(assessments(np.nan, np.nan), 0, NONE, 0.1, ())
 
 
 SKID = RecordedExceedance(8.5, "beta", float(np.radians(-7.0)))

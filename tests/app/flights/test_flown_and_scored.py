@@ -9,7 +9,7 @@ import pytest
 from numpy.lib import recfunctions
 from sqlalchemy import select, update
 
-from app.assessment.outcome import OUTCOMES, verdict_of
+from app.assessment.outcome import OUTCOMES, OUTSIDE, verdict_of, wording_of
 from app.assessment.wording import verdict
 from app.flights.ended import Record, records
 from app.store.assessments import UNKNOWN, chunk_of
@@ -17,7 +17,9 @@ from app.store.datasets import to_blob
 from app.store.store import open_store
 from app.store.tables import alarms, assessment_chunks
 from core.channels import KEYS
+from core.monitor import Monitor
 from core.types import Array
+from tests.support.attas import fly
 from tests.support.flown_and_scored import (
     DT,
     LEAD_IN_S,
@@ -198,6 +200,71 @@ def test_a_lag_that_lasts_counts_as_if_the_exceedance_had_come_at_once(tmp_path:
     missed = flown_and_scored(tmp_path / "missed", late(y, (even + 0.1) / 0.2 * link))
     assert words(missed)[1] == "LIMIT EXCEEDED, missed: no alert before the limit"
     assert words(missed)[0] == words(missed)[1].split(":")[0]
+
+
+def test_what_only_the_whole_manoeuvre_shows_is_an_addition(tmp_path: Path) -> None:
+    """The beginning of the input is lost: not the planned one, as only the scoring finds."""
+    y = with_channel(doublets(fail=True)[2], "delta_r", np.nan, BEGINS - 2, BEGINS + 8)
+    both = flown_and_scored(tmp_path, in_order(y))
+    (manoeuvre,) = both.scored.manoeuvres
+    assert manoeuvre.validity.valid is False
+    assert manoeuvre.guarantee.startswith("Guarantee withdrawn: ")
+    wording = wording_of(asdict(manoeuvre))
+    assert text_of(both.record).startswith("LIMIT EXCEEDED, ")
+    assert wording.text.startswith(f"{text_of(both.record)}; no guarantee: ")
+    assert wording.word == f"{text_of(both.record)}; NO GUARANTEE"
+
+
+@pytest.mark.parametrize(("n_before", "word"), [(4, "warned"), (6, "INVALID, no verdict")])
+def test_an_alert_withdrawn_before_its_lead_has_passed_is_no_warning(
+    attas: Monitor, tmp_path: Path, n_before: int, word: str
+) -> None:
+    """beta jumps some samples before the exceedance, and the monitor becomes invalid."""
+    flights = fly(60, 1)
+    ((y, at),) = [(y, k) for y, k in zip(flights.y, flights.fail_index, strict=True) if k == 90]
+    y = y[: at + 8].copy()
+    y[at - n_before :, KEYS.index("beta")] += 0.02
+    both = flown_and_scored(tmp_path, in_order(y), monitor=attas)
+    (manoeuvre,) = both.scored.manoeuvres
+    ((alert_t, _),), withdrawn_t = manoeuvre.alerts, manoeuvre.withdrawn_t
+    assert withdrawn_t is not None
+    assert manoeuvre.promised is not None
+    assert (alert_t + manoeuvre.promised <= withdrawn_t) == (word == "warned")
+    assert text_of(both.record).startswith(f"LIMIT EXCEEDED, {word}")
+    assert verdict_of(asdict(manoeuvre)) == text_of(both.record)
+
+
+def test_the_first_of_exceeding_samples_out_of_order_counts_in_both(tmp_path: Path) -> None:
+    y = doublets(fail=True)[0].copy()
+    y[-8:-5, NY] *= 1.05
+    link = np.zeros(len(y))
+    link[len(y) - 8] = 1.2 * DT  # the first one beyond the limit comes after the next
+    both = flown_and_scored(tmp_path, late(y, link))
+    assert_same_warning(both)
+    (exceedance,) = [each.exceedance for each in both.scored.manoeuvres]
+    assert both.record.verdict is not None
+    assert exceedance is not None
+    assert both.record.verdict.exceeded_t == exceedance.t
+
+
+@pytest.mark.parametrize("n_lost", [6, 8])
+def test_a_limit_exceeded_where_the_input_is_first_seen_is_outside_in_both(
+    tmp_path: Path, n_lost: int
+) -> None:
+    """The beginning of the input is lost; what is seen of it first exceeds the limit."""
+    y = with_channel(doublets(fail=True)[0], "delta_r", np.nan, BEGINS - 2, BEGINS + n_lost)
+    both = flown_and_scored(tmp_path, in_order(y))
+    assert words(both) == (OUTSIDE, OUTSIDE)
+
+
+def test_a_limit_exceeded_just_after_a_manoeuvre_is_outside_in_both(tmp_path: Path) -> None:
+    y = doublets(fail=False)[0].copy()
+    last = float(flown_and_scored(tmp_path / "safe", in_order(y)).scored.manoeuvres[0].end)
+    y[round(last / DT) + 8, NY] = 0.8
+    both = flown_and_scored(tmp_path, in_order(y))
+    assert text_of(both.record) == OUTSIDE
+    assert both.scored.manoeuvres[0].exceedance is None
+    assert len(both.scored.outside_exceedances) == 1
 
 
 def test_an_alert_in_another_manoeuvre_warns_of_nothing(tmp_path: Path) -> None:

@@ -482,7 +482,7 @@ OK, WARMING = State.OK, State.WARMING_UP
         ([SampleCause(1.25, WARMING), SampleCause(1.3, OK)], UNASSESSED),
         ([SampleCause(t, WARMING, Cause.READY) for t in (1.25, 1.3)], OUTSIDE),
         ([SampleCause(1.2, OK), SampleCause(1.25, WARMING)], MISSED),
-        ([SampleCause(1.2, OK), SampleCause(1.25, WARMING, Cause.REST)], MISSED),  # it just ended
+        ([SampleCause(1.2, OK), SampleCause(1.25, WARMING, Cause.REST)], OUTSIDE),  # it just ended
     ],
 )
 def test_an_exceedance_is_missed_only_if_a_sample_before_it_was_assessed(

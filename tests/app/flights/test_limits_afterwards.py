@@ -91,7 +91,8 @@ def test_its_scoring_judges_by_the_limits_that_were_in_force(flown: Flown) -> No
         "doubt": "",
     }
     assert (alarm["t"], alarm["exceedance"]["limit"]) == (90 * DT, TIGHT)
-    assert manoeuvre["exceedance_verdict"] == "LIMIT EXCEEDED, INVALID, no verdict"
+    assert manoeuvre["exceedance_verdict"] == flown.record["verdict"]["text"]
+    assert manoeuvre["verdict"]["word"].endswith("; NO GUARANTEE")  # the recording is no doublet
     assert manoeuvre["own_exceedance"] is None
     assert not any("exceeded a limit" in remark for remark in manoeuvre["remarks"])
     assert manoeuvre["remarks"][:3] == [
@@ -105,13 +106,12 @@ def test_its_scoring_judges_by_the_limits_that_were_in_force(flown: Flown) -> No
 
 
 def test_where_the_monitor_was_not_applicable_its_scoring_says_so(flown: Flown) -> None:
-    """With the words that were shown, sample by sample; the risk of others is withdrawn too, as
-    the recording is no doublet."""
+    """With the words that were shown, sample by sample."""
     assert [one["t"] for one in flown.scored] == [one["t"] for one in flown.shown]
     names = "state", "reason", "p_value", "alert"
     said, shown = ([[one[n] for n in names] for one in f] for f in (flown.scored, flown.shown))
     assert {one[0] for one in shown[3:80]} == {"ok"}
-    assert said[80:] == shown[80:]
+    assert said[3:] == shown[3:]
     assert {one["reason"].partition(":")[0] for one in flown.scored[80:140]} == {"not applicable"}
     assert {one["reason"].partition(":")[0] for one in flown.scored[140:]} == {"limits unknown"}
     assert all(one["withdrawn"] is not None for one in flown.scored[80:])
@@ -130,7 +130,7 @@ def test_it_says_which_limits_held_when(flown: Flown) -> None:
 
 def test_its_report_names_both_limits_and_draws_those_in_force(flown: Flown) -> None:
     text = re.sub(r"<[^>]+>", "", flown.report.replace("\xa0", " "))
-    assert "A limit was exceeded where the monitor is not applicable" in text
+    assert "A limit was exceeded, warned in time before the monitor was withdrawn" in text
     assert "No limit was exceeded" not in text
     row = r"4.00 to 6.95\s*envelope version 1, fast\s*Ny 0.4 g\s*entire recording at 4.50 s"
     assert re.search(row, text)

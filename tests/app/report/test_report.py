@@ -206,12 +206,12 @@ def test_the_headline_covers_valid_manoeuvres_and_counts_the_others() -> None:
     level, words = headline([QUIET, warned])
     assert level == "caution"
     assert words == (
-        "A limit was exceeded, warned in time before the monitor was withdrawn; "
+        "A limit was exceeded, warned in time, without a guarantee; "
         "1 of the 2 manoeuvres is not valid, no guarantee for it"
     )
     late = warned | {"outcome": "late_alert"}
     assert headline([late])[0] == "bad"
-    assert "warned too late before the monitor was withdrawn" in headline([late])[1]
+    assert "warned too late, without a guarantee" in headline([late])[1]
     since = {"withdrawn_t": 4.3, "withdrawn_reason": "p is outside training"}
     _, words = headline([late | since])
     assert words.endswith("before the monitor was withdrawn at 4.30 s (p is outside training)")
