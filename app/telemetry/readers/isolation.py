@@ -9,14 +9,13 @@ A reader process ends when its parent ends, for whatever reason.
 import atexit
 import json
 import os
-import select
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
+from threading import Timer
 from typing import Any
 
 Worker = subprocess.Popen[bytes]
@@ -49,48 +48,21 @@ def kept_readers() -> Iterator[None]:
 
 def carry_out(order: dict[str, Any]) -> dict[str, Any]:
     """Run an order and return the answer. Safe in any thread; the process has ended on return,
-    or waits for the next order."""
-    if _keeping and sys.platform != "win32":
-        return _carry_out_next(order)
+    or, where it is kept and has read or refused the file, waits for the next order."""
+    is_last, is_reusable = not _keeping or sys.platform == "win32", False
     had_spare = not _spares.empty()
     worker = _spare_or_new()
     try:
-        return _answer(worker, order)
+        result = _answer(worker, order | {"is_last": is_last})
+        is_reusable = not is_last and result["end"] in ("read", "refused")
     finally:
-        _end(worker)
-        if had_spare:
-            warm_up()
-
-
-def _carry_out_next(order: dict[str, Any]) -> dict[str, Any]:
-    """Run an order in a spare process, which remains one if it has read or refused the file."""
-    worker, is_spare = _spare_or_new(), False
-    try:
-        result = _next_answer(worker, order)
-        is_spare = result["end"] in ("read", "refused")
-    finally:
-        if is_spare:
+        if is_reusable:
             _spares.put(worker)
         else:
             _end(worker)
+        if is_last and had_spare:
+            warm_up()
     return result
-
-
-def _next_answer(worker: Worker, order: dict[str, Any]) -> dict[str, Any]:
-    assert worker.stdin
-    assert worker.stdout
-    with suppress(BrokenPipeError):
-        worker.stdin.write(json.dumps(order | {"is_last": False}).encode() + b"\n")
-        worker.stdin.flush()
-    end, answer = time.monotonic() + order["seconds"] + GRACE_SECONDS, b""
-    while not answer.endswith(b"\n"):
-        if not select.select([worker.stdout], [], [], max(0.0, end - time.monotonic()))[0]:
-            return {"end": "slow"}
-        if not (piece := os.read(worker.stdout.fileno(), 65_536)):
-            worker.wait(GRACE_SECONDS)
-            break
-        answer += piece
-    return _result(worker, answer)
 
 
 def warm_up() -> None:
@@ -123,27 +95,27 @@ def _start() -> Worker:
 
 
 def _answer(worker: Worker, order: dict[str, Any]) -> dict[str, Any]:
-    """Send an order; return the answer, or the reason why the process ended."""
-    orders, worker.stdin = worker.stdin, None  # communicate would close it, which ends the worker
-    assert orders
-    with orders:
-        try:
-            with suppress(BrokenPipeError):
-                orders.write(json.dumps(order).encode() + b"\n")
-                orders.flush()
-            answer, _ = worker.communicate(timeout=order["seconds"] + GRACE_SECONDS)
-        except subprocess.TimeoutExpired:
-            return {"end": "slow"}
-    return _result(worker, answer)
+    """Send an order; return the answer, or the reason why the process ended without one.
 
-
-def _result(worker: Worker, answer: bytes) -> dict[str, Any]:
-    """An answer, or the reason why the process ended without one."""
+    Its input stays open meanwhile: closing it would end the process.
+    """
+    assert worker.stdin
+    assert worker.stdout
+    with suppress(BrokenPipeError):
+        os.write(worker.stdin.fileno(), json.dumps(order).encode() + b"\n")
+    timer = Timer(order["seconds"] + GRACE_SECONDS, _kill, [worker])
+    timer.start()
     try:
+        answer = worker.stdout.readline()
+        if order["is_last"] or not answer:
+            worker.wait()
+        is_late = timer.finished.is_set()
+    finally:
+        timer.cancel()
+    with suppress(ValueError):
         return json.loads(answer)
-    except ValueError:
-        reason = _exit_reason(worker.returncode)
-        return {"end": ENDS.get(reason, "crashed"), "text": reason}
+    reason = _exit_reason(worker.returncode)
+    return {"end": "slow" if is_late else ENDS.get(reason, "crashed"), "text": reason}
 
 
 def _exit_reason(code: int) -> str:
@@ -157,8 +129,12 @@ def _end(worker: Worker) -> None:
     """End a process and all its children."""
     with worker:
         if worker.poll() is None:
-            with suppress(ProcessLookupError):
-                os.killpg(worker.pid, signal.SIGKILL) if hasattr(os, "killpg") else worker.kill()
+            _kill(worker)
+
+
+def _kill(worker: Worker) -> None:
+    with suppress(ProcessLookupError):
+        os.killpg(worker.pid, signal.SIGKILL) if hasattr(os, "killpg") else worker.kill()
 
 
 @atexit.register

@@ -101,15 +101,13 @@ def test_a_full_disk_is_not_reported_as_a_damaged_file(wicked, tmp_path):
 
 def test_an_interruption_ends_the_reader_and_removes_its_columns(wicked, tmp_path, monkeypatch):
     os.mkfifo(tmp_path / "begun")
-    communicate, pids = subprocess.Popen.communicate, []
+    pids = []
 
-    def interrupted(process, **options):
-        if not pids:
-            pids.append(int((tmp_path / "begun").read_text()))
-            raise KeyboardInterrupt
-        return communicate(process, **options)
+    def interrupted(*_):
+        pids.append(int((tmp_path / "begun").read_text()))
+        raise KeyboardInterrupt
 
-    monkeypatch.setattr(subprocess.Popen, "communicate", interrupted)
+    monkeypatch.setattr(isolation, "Timer", interrupted)
     with pytest.raises(KeyboardInterrupt):
         wicked("loop", str(tmp_path / "begun"))
     with pytest.raises(ProcessLookupError):
