@@ -104,16 +104,6 @@ class Case:
             ]
         )
 
-    def is_covered(self, others: Sequence["Case"]) -> bool:
-        """Whether one of the others holds wherever this one does."""
-        keys = self.ranges.keys()
-        boxes = [
-            [_ends(each.ranges.get(key)) for key in keys]
-            for each in (self, *others)
-            if each.ranges.keys() <= keys  # others do not hold where a further channel is missing
-        ]
-        return _is_covered(boxes[0], boxes[1:])
-
 
 AnyCase = TypeVar("AnyCase", bound=Case)
 
@@ -140,11 +130,8 @@ class Cases(Generic[AnyCase]):
             if case.name == other.name:
                 raise ValueError(f"two conditions are called {case.name!r}: use different names")
             if not self.may_overlap and case.overlaps(other):
-                shared = [_shared(key, case, other) for key in CONDITION_KEYS]
                 raise ValueError(
-                    f"{case.name} and {other.name} overlap at "
-                    f"{', '.join(filter(None, shared)) or 'any condition'}: let one end where the "
-                    "other begins"
+                    f"{case.name} and {other.name} overlap: let one end where the other begins"
                 )
             for outer, inner in ((case, other), (other, case)):
                 if outer.includes(inner):
@@ -197,34 +184,6 @@ def ranges_from_plain(
     plain: Mapping[ConditionKey, Sequence[float | None]],
 ) -> dict[ConditionKey, Range]:
     return {key: (low, high) for key, (low, high) in plain.items()}
-
-
-def _shared(key: ConditionKey, case: Case, other: Case) -> str:
-    """The values of a channel that belong to both; empty if it does not matter to either."""
-    (low, high), (other_low, other_high) = (_ends(each.ranges.get(key)) for each in (case, other))
-    low, high, known = max(low, other_low), min(high, other_high), CONDITIONS[key]
-    ends = [f"from {low:g}"] * isfinite(low) + [f"below {high:g}"] * isfinite(high)
-    return f"{known.label} {' and '.join(ends)} {known.unit}".rstrip() if ends else ""
-
-
-Box = list[tuple[float, float]]
-
-
-def _is_covered(box: Box, others: list[Box]) -> bool:
-    """Whether the others together cover a box: what is left of it beside each is covered too."""
-    if not others:
-        return False
-    first, *rest = others
-    inside = list(box)
-    for axis, ((low, high), (first_low, first_high)) in enumerate(zip(box, first, strict=True)):
-        for part in ((low, min(high, first_low)), (max(low, first_high), high)):
-            beside = [*inside[:axis], part, *inside[axis + 1 :]]
-            if part[0] < part[1] and not _is_covered(beside, rest):
-                return False
-        inside[axis] = max(low, first_low), min(high, first_high)
-        if inside[axis][0] >= inside[axis][1]:
-            return True
-    return True
 
 
 def _ends(interval: Range | None) -> tuple[float, float]:

@@ -55,8 +55,8 @@ class MonitorSet(Cases[MonitorCase[M]], Generic[M]):
                     )
 
     def check(self) -> None:
-        """ValueError for a condition without a range, and for one that never holds."""
-        for number, case in enumerate(self.cases):
+        """ValueError for a condition without a range, and for a range that is empty."""
+        for case in self.cases:
             for key, (low, high) in case.ranges.items():
                 if low is None and high is None:
                     raise ValueError(
@@ -73,9 +73,4 @@ class MonitorSet(Cases[MonitorCase[M]], Generic[M]):
                 raise ValueError(
                     f"{case.name} has no range, so its monitor would be used everywhere: give a "
                     f"range of {', '.join(CONDITIONS)}, or fly with that monitor alone"
-                )
-            if case.is_covered(self.cases[:number]):
-                raise ValueError(
-                    f"{case.name} never holds, as the conditions before it include all of it: "
-                    "change its ranges or leave it out"
                 )

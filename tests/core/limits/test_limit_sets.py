@@ -40,9 +40,7 @@ def test_conditions_overlap_if_one_flight_can_be_both(one: Any, other: Any, cond
 
 def test_the_overlap_is_named() -> None:
     both = case("slow", {"mach": (None, 0.8)}), case("fast", {"mach": (0.7, 1.2)})
-    with pytest.raises(
-        ValueError, match=r"slow and fast overlap at Mach number from 0\.7 and below 0\.8:"
-    ):
+    with pytest.raises(ValueError, match="slow and fast overlap"):
         LimitSet(both)
 
 

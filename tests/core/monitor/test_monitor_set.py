@@ -1,19 +1,14 @@
 """Monitor sets: monitors that differ in what a set shares are refused, naming the two."""
 
 from dataclasses import replace
-from itertools import product
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from core.channels import LATERAL, Dictionary
-from core.conditions import CONDITION_KEYS, MISSING, NO_CONDITION, Case
+from core.conditions import NO_CONDITION
 from core.monitor.monitor_set import MonitorCase, MonitorSet
-from tests.core.limits.test_limit_sets import ENDS
 from tests.support.flying import exact_monitor
-from tests.support.repetition import examples
 
 FEWER = Dictionary("fewer", LATERAL.channels[:5])
 
@@ -54,7 +49,7 @@ def one_of(ranges: list[Any]) -> MonitorSet:
         ([{}], "case 0 has no range"),
         ([{"mach": (None, None)}], "mach of case 0 has no end"),
         ([{"mach": (None, 0.0)}], "mach of case 0 is empty"),
-        ([{"mach": (None, 1.0)}, {"mach": (1.0, None)}, {"mach": (0.9, 1.1)}], "case 2 never"),
+        ([{"mach": (None, 1.0)}, {"mach": (0.5, 0.9)}], "case 0 includes all of case 1"),
     ],
 )
 def test_a_new_set_has_no_condition_that_is_never_or_always_chosen(
@@ -62,17 +57,3 @@ def test_a_new_set_has_no_condition_that_is_never_or_always_chosen(
 ) -> None:
     with pytest.raises(ValueError, match=words):
         one_of(ranges).check()
-
-
-@settings(max_examples=examples(300), deadline=None)
-@given(boxes=st.lists(st.dictionaries(st.sampled_from(("mach", "altitude")), ENDS), min_size=2))
-def test_a_condition_is_covered_if_another_holds_wherever_it_does(boxes: list[Any]) -> None:
-    case, *others = (Case(f"case {k}", each) for k, each in enumerate(boxes))
-    values = (MISSING, *range(-1, 6))
-    points = [
-        tuple({"mach": mach, "altitude": h}.get(key, MISSING) for key in CONDITION_KEYS)
-        for mach, h in product(values, values)
-    ]
-    held = [point for point in points if case.holds(point)]
-    expected = all(any(other.holds(point) for other in others) for point in held)
-    assert case.is_covered(others) == expected
