@@ -305,8 +305,8 @@ def _select(key, order, middle):
                 lo = _below(key, order, lo, hi, pivot, np.bool_(True))
             if middle <= lo or middle == j:
                 return
-    # If pivots keep failing, sort the rest, so that it stays O(n log n).
-    _merge_sort(key[lo:hi], order[lo:hi])
+    # Pivots that keep failing would take O(n^2): sort the rest.
+    order[lo:hi] = order[lo:hi][np.argsort(key[lo:hi])]
 
 
 @jit
@@ -327,29 +327,6 @@ def _below(key, order, lo, hi, pivot, equal):
         key[j], order[j] = x, row
         j += (x < pivot) | (equal & (x <= pivot))
     return j
-
-
-@jit
-def _merge_sort(key, order):
-    """Sort `order` by key; equal keys keep their order.
-
-    np.argsort(key, kind="mergesort") gives the same, but takes seconds to compile.
-    """
-    n, width = len(key), 1
-    keys, rows = key.copy(), order.copy()
-    while width < n:
-        for lo in range(0, n, 2 * width):
-            i, j = lo, min(lo + width, n)
-            middle, hi = j, min(lo + 2 * width, n)
-            for at in range(lo, hi):
-                if j < hi and (i == middle or key[j] < key[i]):
-                    keys[at], rows[at] = key[j], order[j]
-                    j += 1
-                else:
-                    keys[at], rows[at] = key[i], order[i]
-                    i += 1
-        key[:], order[:] = keys, rows
-        width *= 2
 
 
 @inlined

@@ -8,7 +8,6 @@ from core.kernels import nearest as kernel
 from core.kernels.compiled import jit
 from core.kernels.nearest import (
     LEAF,
-    _merge_sort,
     _select,
     build,
     locate,
@@ -230,7 +229,7 @@ def killer(n, middle):
             return not other < self
 
     with pytest.MonkeyPatch.context() as patch:
-        for name in ("_merge_sort", "_median", "_below"):  # compiled they take no Key
+        for name in ("_median", "_below"):  # compiled they take no Key
             patch.setattr(kernel, name, getattr(kernel, name).py_func)
         _select.py_func([Key(i) for i in range(n)], np.arange(n), middle)
     return np.minimum(value, n)
@@ -243,16 +242,6 @@ def test_selection_survives_keys_made_to_defeat_it(n):
         _select(key.copy(), order, n // 2)
         assert sorted(order) == [*range(n)]
         assert key[order[: n // 2]].max() <= key[order[n // 2 :]].min()
-
-
-@pytest.mark.parametrize("n", [0, 1, 2, 3, 8, 100, 1_025])
-def test_keys_are_sorted_as_numpy_sorts_them_stably(n):
-    rng = np.random.default_rng(n)
-    for key in (rng.standard_normal(n), rng.integers(0, 5, n) * 1.0, np.sort(rng.random(n))[::-1]):
-        order = rng.permutation(n).astype(np.int32)
-        expected = order[np.argsort(key, kind="mergesort")]
-        _merge_sort(key.copy(), order)
-        np.testing.assert_array_equal(order, expected)
 
 
 def test_a_tree_packed_on_many_threads_is_the_same(monkeypatch):
