@@ -22,6 +22,9 @@ N_FLIGHTS = 10_000
 """Default number of fresh flights."""
 
 
+SHARE = Bounds(above=0, below=1, words="give a share between 0 and 1")
+
+
 class ChoiceError(ValueError):
     """Targets that no epsilon keeps, or that need more flights to certify."""
 
@@ -30,11 +33,11 @@ class ChoiceError(ValueError):
 class ChoiceRecipe:
     """The criterion for epsilon: both targets, or the cost of a miss."""
 
-    most_missed: float | None = None
+    most_missed: Annotated[float | None, SHARE] = None
     """misses: accepted share of the failing flights."""
-    most_false_alarms: float | None = None
+    most_false_alarms: Annotated[float | None, SHARE] = None
     """false alarms: accepted share of the safe flights."""
-    cost_of_miss: float | None = None
+    cost_of_miss: Annotated[float | None, Bounds(above=0)] = None
     """cost of a miss: in false alarms, instead of both targets."""
     n_test: Annotated[int, Bounds(least=1)] = N_FLIGHTS
     """fresh flights: one half chooses, the other certifies."""
@@ -47,12 +50,6 @@ class ChoiceRecipe:
                 f"most_missed={self.most_missed}, most_false_alarms={self.most_false_alarms} and "
                 f"cost_of_miss={self.cost_of_miss} were given: give both targets, or only the cost"
             )
-        for name, target in (("most_missed", targets[0]), ("most_false_alarms", targets[1])):
-            if target is not None and not 0 < target < 1:
-                raise ChoiceError(f"{name}={target} was given: give a share between 0 and 1")
-        cost = self.cost_of_miss
-        if cost is not None and not (np.isfinite(cost) and cost > 0):
-            raise ChoiceError(f"cost_of_miss={cost} was given: give a number above 0")
 
 
 @dataclass(frozen=True)

@@ -3,14 +3,14 @@
 import re
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from math import cos, inf, sin, tan
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
+from math import cos, sin, tan
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
 
-from core.bounds import quoted
+from core.bounds import Bounds, check_bounds, quoted
 from core.channels import KEYS, N_CHANNELS
-from core.recipe import family
+from core.recipe import family, from_plain
 from core.simulation.published import (
     DERIVATIVES,
     MODELS,
@@ -181,18 +181,15 @@ class MatrixAircraft(Aircraft):
     states: tuple[str, ...] = ()
     """names of the states: none for x0, x1 and so on. A law that feeds back bank angle needs
     "phi"."""
-    altitude_m: float | None = None
+    altitude_m: Annotated[float | None, Bounds(least=0)] = None
     """altitude of the flight condition: 0 for a sea-level model [m]; gusts depend on it."""
-    airspeed_mps: float | None = None
+    airspeed_mps: Annotated[float | None, Bounds(above=0)] = None
     """true airspeed of the flight condition [m/s]: gusts depend on it, and recorded airspeed is
     compared with it."""
 
     def __post_init__(self) -> None:
+        check_bounds(self)
         self.uncertain_plant()
-        if self.altitude_m is not None and not 0 <= self.altitude_m < inf:
-            raise ValueError(f"altitude_m is {self.altitude_m}; give metres, 0 at sea level")
-        if self.airspeed_mps is not None and not 0 < self.airspeed_mps < inf:
-            raise ValueError(f"airspeed_mps is {self.airspeed_mps}; give m/s, above zero")
 
     @classmethod
     def from_json(cls, document: Any) -> Self:
@@ -206,40 +203,18 @@ class MatrixAircraft(Aircraft):
         `states`, `distribution` and `unit` are optional; `spread` may be one number. Optional too:
         `altitude_m`, `airspeed_mps` and, as in recipes, `kind`.
         """
-        if not isinstance(document, dict):
+        given = document if isinstance(document, dict) else {}
+        fields = {"states": []} | {key.lower(): value for key, value in given.items()}
+        scatter, states = fields.get("uncertainty"), fields["states"]
+        if not (fields.keys() >= set("abcd") and isinstance(scatter, dict) and "spread" in scatter):
             raise ValueError(
-                f"a model is a JSON object with A, B, C, D; this is {quoted(document)}"
+                f"a model is {quoted(document)}: give a JSON object with A, B, C, D and "
+                "uncertainty with its spread; states, altitude_m and airspeed_mps are optional"
             )
-        fields = {key.lower(): value for key, value in document.items() if key != "kind"}
-        needed = {"a", "b", "c", "d", "uncertainty"}
-        condition = {"altitude_m", "airspeed_mps"}
-        allowed = {"states", *condition}
-        if not needed <= fields.keys() <= needed | allowed:
-            raise ValueError(
-                f"the model has the keys {', '.join(document)}; it needs A, B, C, D and "
-                "uncertainty, and may have states, altitude_m and airspeed_mps"
-            )
-        uncertainty = fields["uncertainty"]
-        if not isinstance(uncertainty, dict) or not (
-            {"spread"} <= uncertainty.keys() <= {"spread", "distribution", "unit"}
-        ):
-            raise ValueError(
-                f"uncertainty is {quoted(uncertainty)}; give an object with spread, and optionally "
-                "distribution and unit"
-            )
-        states = fields.get("states", [])
         if not isinstance(states, list) or not all(isinstance(name, str) for name in states):
             raise ValueError(f"states is {quoted(states)}; give a list of names")
-        for name in condition & fields.keys():
-            value = fields[name]
-            if isinstance(value, bool) or not isinstance(value, int | float | None):
-                raise ValueError(f"{name} is {quoted(value)}; give a number")
-        return cls(
-            *(_rows(key.upper(), fields[key]) for key in "abcd"),
-            uncertainty=Uncertainty(**uncertainty),
-            states=tuple(states),
-            **{name: fields[name] for name in condition & fields.keys()},
-        )
+        fields |= {key: _rows(key.upper(), fields[key]) for key in "abcd"} | {"kind": "matrices"}
+        return from_plain(AIRCRAFT["matrices"], fields, "the model")
 
     @classmethod
     def from_statespace(cls, system: "InputOutputSystem", uncertainty: Uncertainty) -> Self:

@@ -7,11 +7,12 @@ y = (beta, p, r, Ny, delta_a, delta_r, phi), in rad, rad/s and g.
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from math import exp, isfinite
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
 
+from core.bounds import Bounds, check_bounds
 from core.channels import KEYS
 from core.recipe import family
 from core.simulation.uncertain_plant import Plants, UncertainPlant
@@ -26,6 +27,7 @@ FEEDBACK: tuple[str, ...] = (*KEYS, "phi")
 """Possible feedback; phi only if it is the plant's fourth state."""
 SURFACES: tuple[str, ...] = KEYS[4:]
 PHI_STATE = 3
+POSITIVE = Bounds(above=0, words="give a finite number above zero, or none for no limit")
 LARGEST_GROWTH = 1e3
 """Largest permitted growth of the nominal closed loop over a manoeuvre."""
 
@@ -38,24 +40,15 @@ class Actuator:
     Raises ValueError for numbers that are not positive and finite.
     """
 
-    bandwidth_rad_s: float = 20.2
+    bandwidth_rad_s: Annotated[float, POSITIVE] = 20.2
     """bandwidth of the actuators [rad/s]."""
-    rate_limit_deg_s: float | None = None
+    rate_limit_deg_s: Annotated[float | None, POSITIVE] = None
     """largest surface rate [deg/s]; None: no limit."""
-    position_limit_deg: float | None = None
+    position_limit_deg: Annotated[float | None, POSITIVE] = None
     """largest command [deg]; None: no limit."""
 
     def __post_init__(self) -> None:
-        for name in ("bandwidth_rad_s", "rate_limit_deg_s", "position_limit_deg"):
-            value = getattr(self, name)
-            may_be_none = name != "bandwidth_rad_s"
-            if value is None and may_be_none:
-                continue
-            if value is None or not (isfinite(value) and value > 0):
-                raise ValueError(
-                    f"{name} is {value}; give a finite number above zero"
-                    + (", or None for no limit" if may_be_none else "")
-                )
+        check_bounds(self)
 
 
 class Controller(NamedTuple):

@@ -97,9 +97,9 @@ def test_all_candidates_are_possible(monitor: Monitor, guarantee: str) -> None:
 def test_impossible_targets_and_costs_are_refused(
     monitor: Monitor, flights: Rollouts, wrong: float
 ) -> None:
-    with pytest.raises(ChoiceError, match="give a share between 0 and 1"):
+    with pytest.raises(ValueError, match="give a share between 0 and 1"):
         choose(monitor, flights, ChoiceRecipe(wrong, 0.1))
-    with pytest.raises(ChoiceError, match="give a number above 0"):
+    with pytest.raises(ValueError, match=r"cost_of_miss=.*must be positive"):
         choose(monitor, flights, ChoiceRecipe(cost_of_miss=wrong - 1.0))
     with pytest.raises(ChoiceError, match="too few failed or stayed safe"):
         choose(monitor, flights.some(slice(2)), ChoiceRecipe(cost_of_miss=1.0))

@@ -350,12 +350,12 @@ def test_an_unfitting_statespace_is_refused(system, message):
         ({"D": [[0, 0], [0, 0], [0, 0], [0, float("inf")]]}, r"D\[3,1\] is inf"),
         ({"states": ["beta"]}, "1 states are named; A is 3 by 3"),
         ({"states": "abc"}, "states is 'abc'; give a list of names"),
-        ({"E": 1}, "it needs A, B, C, D and uncertainty"),
-        ({"altitude_m": -5}, "altitude_m is -5; give metres"),
-        ({"airspeed_mps": "fast"}, "airspeed_mps is 'fast'; give a number"),
-        ({"airspeed_mps": 0}, "airspeed_mps is 0; give m/s, above zero"),
-        ({"uncertainty": 0.1}, "give an object with spread"),
-        ({"uncertainty": {"spread": 0.1, "sigma": 1}}, "give an object with spread"),
+        ({"E": 1}, "the model has no 'e'"),
+        ({"altitude_m": -5}, "altitude_m=-5 was given: it must be at least 0"),
+        ({"airspeed_mps": "fast"}, "must be real number"),
+        ({"airspeed_mps": 0}, "airspeed_mps=0 was given: it must be positive"),
+        ({"uncertainty": 0.1}, "uncertainty with its spread"),
+        ({"uncertainty": {"spread": 0.1, "sigma": 1}}, "uncertainty has no 'sigma'"),
         ({"uncertainty": {"spread": {"A[0,0]": -0.1}}}, r"spread of A\[0,0\] is -0.1"),
         ({"uncertainty": {"spread": {"A[0,0]": "wide"}}}, "is 'wide'; give a finite number"),
         ({"uncertainty": {"spread": {"A[3,0]": 0.1}}}, r"'A\[3,0\]' is not an entry"),
@@ -380,9 +380,9 @@ def test_own_matrices_may_have_a_flight_condition():
 
 
 def test_a_document_without_a_model_is_refused():
-    with pytest.raises(ValueError, match="a model is a JSON object with A, B, C, D"):
+    with pytest.raises(ValueError, match="give a JSON object with A, B, C, D"):
         MatrixAircraft.from_json([1, 2])
-    with pytest.raises(ValueError, match="has the keys A; it needs"):
+    with pytest.raises(ValueError, match="give a JSON object with A, B, C, D"):
         MatrixAircraft.from_json({"A": A})
 
 

@@ -256,7 +256,7 @@ def test_law_with_wrong_matrices_is_refused(change, message):
     ],
 )
 def test_impossible_actuator_is_refused(parameters):
-    with pytest.raises(ValueError, match=f"{next(iter(parameters))} is .*give a finite number"):
+    with pytest.raises(ValueError, match=f"{next(iter(parameters))}=.*give a finite number"):
         Actuator(**parameters)
 
 
