@@ -4,9 +4,8 @@ import asyncio
 import logging
 import threading
 import time
-from collections import deque
 from collections.abc import AsyncIterator, Callable
-from concurrent.futures import Executor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -53,6 +52,8 @@ class Task:
     release: Callable[[], object] = lambda: None
     """Called when it has ended, whether it ran or not."""
     next_save: float = 0.0
+    run: Future[None] | None = None
+    is_started: bool = False
 
     def progress(self, message: str, done: int, total: int) -> None:
         """Publish the progress. Cancelled if the job was cancelled."""
@@ -82,24 +83,18 @@ class Jobs:
     ) -> None:
         self.store, self._scheduler = store, scheduler
         self.limit = queue
-        self._waiting: deque[Task] = deque()
         self._live: dict[str, Task] = {}
-        self._changed = threading.Condition()
+        self._lock = threading.Lock()
         self._closing = False
-        self._threads = [
-            threading.Thread(target=self._serve, name=f"job-{number}", daemon=True)
-            for number in range(workers)
-        ]
-        for thread in self._threads:
-            thread.start()
+        self._pool = ThreadPoolExecutor(workers, "job")
 
     @property
     def n_waiting(self) -> int:
-        return len(self._waiting)
+        return sum(not task.is_started for task in [*self._live.values()])
 
     @property
     def n_running(self) -> int:
-        return len(self._live) - len(self._waiting)
+        return len(self._live) - self.n_waiting
 
     def submit(
         self,
@@ -113,7 +108,7 @@ class Jobs:
         release: called when the job has ended, whether it ran or not, and if it is not queued.
         """
         try:
-            with self._changed:
+            with self._lock:
                 return self._queue(kind, request, work, release)
         except BaseException:
             release()
@@ -122,15 +117,14 @@ class Jobs:
     def _queue(
         self, kind: str, request: dict[str, Any], work: Work, release: Callable[[], object]
     ) -> str:
-        if self._closing or len(self._waiting) >= self.limit:
+        if self._closing or self.n_waiting >= self.limit:
             raise QueueFull(
-                f"{len(self._waiting)} jobs are waiting, the maximum: wait until one ends, or "
+                f"{self.n_waiting} jobs are waiting, the maximum: wait until one ends, or "
                 "cancel one"
             )
         task = Task(self.store.jobs.add(kind, request), work, self._on_progress, release=release)
         self._live[task.id] = task
-        self._waiting.append(task)
-        self._changed.notify()
+        task.run = self._pool.submit(self._run, task)
         return task.id
 
     def info(self, job_id: str) -> JobInfo:
@@ -147,14 +141,13 @@ class Jobs:
 
     def cancel(self, job_id: str) -> None:
         """Cancel a job; it ends at its next step. NotRunning if it has ended."""
-        with self._changed:
+        with self._lock:
             task = self._live.get(job_id)
             if task is None:
                 status = self.store.jobs.info(job_id).status
                 raise NotRunning(f"the job is already {status}: nothing to cancel")
             task.stop.set()
-            if task in self._waiting:
-                self._waiting.remove(task)
+            if task.run and task.run.cancel():
                 self._end(task, status="cancelled", message="cancelled before it started")
 
     async def watch(self, job_id: str, interval: float) -> AsyncIterator[JobInfo | None]:
@@ -187,26 +180,16 @@ class Jobs:
 
     def close(self) -> None:
         """Stop the workers; waiting and running jobs become `interrupted`."""
-        with self._changed:
+        with self._lock:
             self._closing = True
-            for task in self._live.values():
+            for task in [*self._live.values()]:
                 task.stop.set()
-            while self._waiting:
-                self._end(self._waiting.popleft(), status="interrupted", error=STOPPED)
-            self._changed.notify_all()
-        for thread in self._threads:
-            thread.join()
-
-    def _serve(self) -> None:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._waiting or self._closing)
-                if not self._waiting:
-                    return
-                task = self._waiting.popleft()
-            self._run(task)
+                if task.run and task.run.cancel():
+                    self._end(task, status="interrupted", error=STOPPED)
+        self._pool.shutdown()
 
     def _run(self, task: Task) -> None:
+        task.is_started = True
         try:
             self.store.jobs.update(task.id, status="running", message="starting")
             task.progress("starting", 0, 0)
