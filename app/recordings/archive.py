@@ -483,29 +483,24 @@ def _scored(
     executor: Executor | None,
 ) -> Iterator[dict[str, Any]]:
     """The record of each file, as it is done. Readers are processes that read many files."""
-    packed = pickle.dumps(request)
-    if executor is not None:
-        with Tasks(executor) as tasks:
-            for done in as_completed([tasks.submit(_score, packed, file) for file in files]):
-                yield done.result()
-        return
-    if request.workers == 1:
+    if executor is None and request.workers == 1:
         with isolation.kept_readers():
             yield from map(scorer, files)
         return
-    context = get_context("spawn")
-    with ProcessPoolExecutor(request.workers, context, _ignore_interrupts) as pool:
+    with ExitStack() as resources:
+        if executor is None:
+            context = get_context("spawn")
+            pool = ProcessPoolExecutor(request.workers, context, _ignore_interrupts)
+            executor = resources.enter_context(pool)
+        tasks, packed = resources.enter_context(Tasks(executor)), pickle.dumps(request)
         try:
-            for done in as_completed([pool.submit(_score, packed, file) for file in files]):
+            for done in as_completed([tasks.submit(_score, packed, file) for file in files]):
                 yield done.result()
         except BrokenExecutor as error:
             raise OSError(
                 "a process was ended by the system, often by lack of memory: give fewer --workers; "
                 "the same command continues"
             ) from error
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
 
 
 def _ignore_interrupts() -> None:
