@@ -11,7 +11,6 @@ from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,7 @@ from app.commands.options.option import add_json
 from app.commands.output.results import print_result
 from app.jobs.cluster import ClusterError, words_of
 from app.jobs.training import simulate
-from app.main import STATIC, create_app
+from app.main import create_app
 from app.scene.server import SUBPROTOCOL
 from app.serving import Server, address_of, listen
 from app.settings import Settings, SettingsError
@@ -39,7 +38,7 @@ from core.monitor import MonitorRecipe, train
 from core.planned_test.collection import DatasetRecipe
 
 PACKAGES = ("numpy", "scipy", "numba", "fastapi", "uvicorn", "sqlalchemy", "viser", "websockets")
-NEEDED = ("index.html", "style.css", "js/main.js")
+SERVED = ("/", "/js/main.js", "/docs", "/docs/assets/swagger-ui-bundle.js", "/readyz")
 MOST_NAMED = 5
 """Damaged items that are named."""
 PATIENCE = 20.0
@@ -87,8 +86,6 @@ def examine(settings: Settings) -> Iterator[Finding]:
         ("data directory", data_directory),
         ("schema", schema),
         ("contents", contents),
-        ("port", port),
-        ("offline assets", offline_assets),
         ("server", round_trip),
     )
     for what, check in checks:
@@ -169,39 +166,6 @@ def contents(settings: Settings) -> str:
     return f"{counts}, undamaged"
 
 
-def port(settings: Settings) -> str:
-    """Whether the port is free, or already served by forewarn."""
-    try:
-        listen(settings).close()
-    except SettingsError:
-        host = f"[{settings.host}]" if ":" in settings.host else settings.host
-        try:
-            answer = httpx2.get(
-                f"http://{host}:{settings.port}/healthz", timeout=5, trust_env=False
-            )
-            if answer.json() == {"status": "ok"}:
-                return f"{settings.port} is already served by forewarn"
-        except (httpx2.HTTPError, ValueError):
-            pass
-        raise
-    return f"{settings.host}:{settings.port} is free"
-
-
-def offline_assets(settings: Settings) -> str:
-    """Whether the files of page, documentation and scene are installed."""
-    if missing := [name for name in NEEDED if not (STATIC / name).is_file()]:
-        raise Failed(f"{missing[0]} is missing in {STATIC}: install forewarn again")
-    files = [file for file in STATIC.rglob("*") if file.suffix in (".html", ".js", ".css", ".svg")]
-    for package, path in {
-        "fastapi_offline": "static/swagger-ui-bundle.js",
-        "viser": "client/build/index.html",
-    }.items():
-        spec = find_spec(package)
-        if spec is None or spec.origin is None or not (Path(spec.origin).parent / path).is_file():
-            raise Failed(f"{package} lacks {path}: install forewarn again")
-    return f"{len(files)} files of the page, documentation and scene are installed here"
-
-
 def round_trip(settings: Settings) -> str:
     """Serve an empty store on a free port, fly a flight, and read its stream and its scene."""
     with tempfile.TemporaryDirectory() as directory:
@@ -255,7 +219,7 @@ async def _watch(address: str, headers: dict[str, str], monitor_id: str) -> str:
             base_url=address, headers=headers, timeout=PATIENCE, trust_env=False
         ) as client,
     ):
-        for path in ("/", "/docs", "/readyz", "/api/v1/catalog"):
+        for path in (*SERVED, "/api/v1/catalog"):
             (await client.get(path)).raise_for_status()
         body = {"source": source, "monitor": monitor_id}
         flight = (await client.post("/api/v1/flights", json=body)).raise_for_status().json()["id"]

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 import numpy as np
 from fastapi import APIRouter, Query
-from pydantic import ConfigDict, Field, create_model
+from pydantic import Field
 
 from app.routes.dependencies import Described, PlainBody, StoreDep, body_of, json_response, refused
 from app.telemetry.recording import ATTITUDE, Recording, TelemetryError
@@ -17,22 +17,18 @@ from core.monitor import Monitor
 from core.monitor.assessment import Exemplar
 
 router = APIRouter(prefix="/api/v1/monitors", tags=["monitors"])
-Values = list[float | None]
 MOST_SAMPLES = 1_000_000
-Times = Annotated[list[float], Field(min_length=1, max_length=MOST_SAMPLES)]
-_model: Any = create_model
-TelemetryBody = _model(
-    "TelemetryBody",
-    __config__=ConfigDict(extra="allow", title="Telemetry to score"),
-    __doc__="Telemetry, one array for each channel of the monitor, by its key, in its unit; null "
-    "for a missing value. Those named here are of monitors of the six lateral channels.",
-    t=(Times, Field(description="time [s], increasing")),
-    **{c.key: (Values | None, Field(None, description=f"{c.label} [{c.unit}]")) for c in CHANNELS},
-    **{
-        key: (Values | None, Field(None, description=f"{words} [rad], for the display only"))
-        for key, words in zip(ATTITUDE, ("bank angle", "pitch angle", "heading"), strict=True)
-    },
-)
+VALUES: dict[str, Any] = {"type": "array", "items": {"type": ["number", "null"]}}
+TIMES = {"type": "array", "items": {"type": "number"}, "minItems": 1, "maxItems": MOST_SAMPLES}
+TELEMETRY: dict[str, Any] = {
+    "title": "Telemetry to score",
+    "description": "Telemetry, one array for each channel of the monitor, by its key, in its unit; "
+    "null for a missing value. Those named here are of monitors of the six lateral channels.",
+    "type": "object",
+    "required": ["t"],
+    "properties": {"t": TIMES | {"description": "time [s], increasing"}}
+    | {c.key: VALUES | {"description": f"{c.label} [{c.unit}]"} for c in CHANNELS},
+}
 
 
 class AssessedSample(Described):
@@ -129,7 +125,7 @@ def assessed(monitor: Monitor, recording: Recording, epsilon: float, *, why: boo
 @router.post(
     "/{monitor_id}/score",
     openapi_extra=body_of(
-        TelemetryBody.model_json_schema(),
+        TELEMETRY,
         {"t": [0.0, 0.05, 0.1]} | {key: [0.0, 0.01, 0.02] for key in KEYS},
     ),
 )

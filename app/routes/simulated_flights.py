@@ -1,7 +1,7 @@
 """The simulated flights of a monitor, which charts show behind a flown one."""
 
 import hashlib
-from collections import OrderedDict
+from functools import lru_cache
 from threading import Lock
 from typing import Annotated, Any
 
@@ -71,26 +71,7 @@ class SimulatedFlights(BaseModel):
     forecast_reason: str
 
 
-class _Kept:
-    """Answers by the digest of the monitor, which names its dataset too: computed once."""
-
-    def __init__(self) -> None:
-        self._answers: OrderedDict[str, bytes] = OrderedDict()
-        self._lock = Lock()
-
-    def body(self, store: Store, monitor_id: str) -> bytes:
-        info = store.monitors.info(monitor_id)
-        key = f"{info.digest} {info.dataset_id}"
-        with self._lock:
-            if key not in self._answers:
-                self._answers[key] = json_codec.encode(_simulated(store, monitor_id))
-            self._answers.move_to_end(key)
-            while len(self._answers) > MOST_KEPT:
-                self._answers.popitem(last=False)
-            return self._answers[key]
-
-
-_KEPT = _Kept()
+_ONE_AT_A_TIME = Lock()
 
 
 @router.get("/{monitor_id}/simulated", responses={304: {"description": "as the ETag names it"}})
@@ -102,19 +83,22 @@ def read_simulated_flights(
     At each time the band holds 90 % of the flights, each aligned at its manoeuvre's start; a whole
     flight stays within it less often.
     """
-    body = _KEPT.body(store, monitor_id)
+    info = store.monitors.info(monitor_id)
+    with _ONE_AT_A_TIME:
+        body = _simulated(store, monitor_id, info.digest, info.dataset_id)
     headers = {"ETag": f'"{hashlib.sha256(body).hexdigest()[:32]}"', "Cache-Control": "no-cache"}
     if headers["ETag"] in if_none_match:
         return Response(status_code=304, headers=headers)  # pyright: ignore[reportReturnType]
     return Response(body, 200, headers, "application/json")  # pyright: ignore[reportReturnType]
 
 
-def _simulated(store: Store, monitor_id: str) -> dict[str, Any]:
-    info, monitor = store.monitors.info(monitor_id), store.monitors.get(monitor_id)
-    band = forecast = None
-    band_reason = forecast_reason = reason = "" if info.dataset_id else NOT_HERE
-    if info.dataset_id:
-        dataset = store.datasets.get(info.dataset_id)
+@lru_cache(MOST_KEPT)
+def _simulated(store: Store, monitor_id: str, digest: str, dataset_id: str | None) -> bytes:
+    """The answer, computed once for a monitor with its dataset."""
+    monitor, band, forecast = store.monitors.get(monitor_id), None, None
+    band_reason = forecast_reason = reason = "" if dataset_id else NOT_HERE
+    if dataset_id:
+        dataset = store.datasets.get(dataset_id)
         try:
             band = _plain_band(safe_band(dataset), dataset.dictionary)
         except Unavailable as error:
@@ -123,8 +107,8 @@ def _simulated(store: Store, monitor_id: str) -> dict[str, Any]:
             forecast = _plain_forecast(forecast_interval(monitor, dataset), dataset.dictionary)
         except Unavailable as error:
             forecast_reason = str(error)
-    return {
-        "dataset": info.dataset_id,
+    answer = {
+        "dataset": dataset_id,
         "reason": reason,
         "quantiles": (LOW, HIGH),
         "lead_in": planned_test(monitor).trim_segment_s,
@@ -133,6 +117,7 @@ def _simulated(store: Store, monitor_id: str) -> dict[str, Any]:
         "forecast": forecast,
         "forecast_reason": forecast_reason,
     }
+    return json_codec.encode(answer)
 
 
 def _plain_band(band: SafeBand, dictionary: Dictionary) -> dict[str, Any]:

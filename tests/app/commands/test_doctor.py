@@ -1,5 +1,4 @@
 import json
-import socket
 
 import pytest
 from sqlalchemy import text
@@ -7,7 +6,7 @@ from sqlalchemy import text
 from app.cli import main
 from app.commands import doctor
 from app.commands.doctor import Failed, examine
-from app.settings import Settings, SettingsError
+from app.settings import Settings
 from app.store.store import StoreError, open_store
 
 
@@ -80,29 +79,3 @@ def test_a_database_of_a_newer_program_fails(settings):
     store.close()
     with pytest.raises(StoreError, match="9999"):
         doctor.schema(settings)
-
-
-def test_a_port_used_by_another_program_fails(tmp_path):
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        port = taken.getsockname()[1]
-        with pytest.raises(SettingsError, match="--port"):
-            doctor.port(Settings(data_dir=tmp_path, port=port))
-
-
-def test_a_port_served_by_forewarn_passes(settings):
-    with doctor._running(settings) as (address, _):
-        port = int(address.rpartition(":")[2])
-        served = Settings(data_dir=settings.data_dir, port=port)
-        assert "served by forewarn" in doctor.port(served)
-
-
-def test_a_page_without_its_parts_fails(settings, monkeypatch, tmp_path):
-    for name in doctor.NEEDED:
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_text("")
-    monkeypatch.setattr(doctor, "STATIC", tmp_path)
-    assert "3 files" in doctor.offline_assets(settings)
-    (tmp_path / "index.html").unlink()
-    with pytest.raises(Failed, match=r"index\.html is missing"):
-        doctor.offline_assets(settings)
