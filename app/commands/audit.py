@@ -17,11 +17,11 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from app.routes.people import as_csv, as_json_lines, utc  # slow to import, not needed for help
+    from app.routes.dependencies import utc  # slow to import, not needed for help
+    from app.routes.people import as_csv, as_json_lines
     from app.store.store import open_store
 
-    since, until = (text and utc(text) for text in (options.since, options.until))
     with closing(open_store(place_of(options).url, recover=False)) as store:
-        entries = store.audit.read(since, until, options.who)
+        entries = store.audit.read(utc(options.since), utc(options.until), options.who)
         sys.stdout.writelines((as_json_lines if options.json else as_csv)(entries))
     return 0

@@ -1,14 +1,13 @@
 """Dependencies of the routes: parts of the running application, and request bodies."""
 
 import asyncio
-import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from typing import Annotated, Any, NamedTuple
 
 from fastapi import Body, Depends, Query, Request, Response
-from pydantic import AfterValidator, AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from app import json_codec
 from app.access.people import Person
@@ -26,6 +25,7 @@ from app.store.campaigns import CampaignChanged
 from app.store.flights import FlightInProgress
 from app.store.people import LOCAL, TokenError
 from app.store.store import Store
+from app.store.tables import time_text
 from app.telemetry.journal import JournalFull, Journals
 from core.conditions import ConditionKey
 
@@ -60,28 +60,25 @@ PAGED: dict[int | str, dict[str, Any]] = {
     }
 }
 """Response of a list that is sent in parts."""
-DATE = re.compile(r"\d{4}-\d\d-\d\d[Tt ]")
 
 
-def _dated(given: Any) -> Any:
-    """Refuse a bare number, which would count as seconds since 1970."""
-    if isinstance(given, str) and not DATE.match(given):
-        raise ValueError("give date, time and zone, such as 2026-01-31T12:00:00Z")
-    return given
-
-
-def _in_utc(moment: datetime | None) -> datetime | None:
+def utc(text: str | None) -> str | None:
+    """A day or time as stored; without a zone it is UTC. ValueError."""
+    if text is None:
+        return None
     try:
-        return moment and moment.astimezone(UTC)
-    except OverflowError:
-        raise ValueError("it is not within the years 1 to 9999 in UTC") from None
+        time = datetime.fromisoformat(text)
+        return time_text(time.astimezone(UTC) if time.tzinfo else time.replace(tzinfo=UTC))
+    except (ValueError, OverflowError):
+        raise ValueError(
+            f"{text!r} is not a time: give 2026-05-04 or 2026-05-04T12:31:05 (UTC)"
+        ) from None
 
 
 Moment = Annotated[
-    AwareDatetime | None,
-    BeforeValidator(_dated),
-    AfterValidator(_in_utc),
-    Query(description="with its zone, in ISO 8601"),
+    str | None,
+    AfterValidator(utc),
+    Query(description="day or time in ISO 8601; UTC unless it names a zone"),
 ]
 
 

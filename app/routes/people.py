@@ -6,7 +6,6 @@ import io
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import asdict, fields
-from datetime import UTC, datetime
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query, Request, Response
@@ -18,10 +17,10 @@ from app.access.audit import Audit
 from app.access.people import People
 from app.access.roles import allowed_to
 from app.http.problems import Problem, problem_responses
-from app.routes.dependencies import Described, PersonDep, StoreDep, part, refused, strictly
+from app.routes.dependencies import Described, Moment, PersonDep, StoreDep, part, refused, strictly
 from app.store.people import LINK_SECONDS, LONGEST_DAYS, AuditEntry, Role, StoredToken, TokenError
 from app.store.store import StoreError
-from app.store.tables import now, time_text
+from app.store.tables import now
 from core import __version__
 
 router = APIRouter(prefix="/api/v1", tags=["people"])
@@ -126,18 +125,6 @@ def make_link(token_id: str, store: StoreDep) -> LoginLink:
 JSON_LINES, CSV = "application/x-ndjson", "text/csv"
 
 
-def utc(text: str) -> str:
-    """A day or time as stored; without a zone it is UTC. ValueError."""
-    try:
-        time = datetime.fromisoformat(text)
-        time = time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
-    except (ValueError, OverflowError):
-        raise ValueError(
-            f"{text!r} is not a time: give 2026-05-04 or 2026-05-04T12:31:05 (UTC)"
-        ) from None
-    return time_text(time)
-
-
 def as_csv(entries: Iterable[AuditEntry]) -> Iterator[str]:
     file = io.StringIO()
     writer = csv.DictWriter(file, [each.name for each in fields(AuditEntry)], lineterminator="\n")
@@ -170,8 +157,8 @@ def as_json_lines(entries: Iterable[AuditEntry]) -> Iterator[str]:
 async def export_audit(
     request: Request,
     store: StoreDep,
-    since: Annotated[str | None, Query(description="first day or time in ISO 8601, UTC")] = None,
-    until: Annotated[str | None, Query(description="entries before this day or time")] = None,
+    since: Moment = None,
+    until: Moment = None,
     who: Annotated[str | None, Query(description="name of a person")] = None,
     kind: Annotated[
         Literal["jsonl", "csv"], Query(alias="format", description="JSON lines or CSV")
@@ -179,14 +166,13 @@ async def export_audit(
 ) -> Response:
     """The audit log, oldest first: changes, logins, and requests that a role did not allow.
 
-    For samples of a live flight it holds only the first push of each person.
+    For samples of a live flight it holds only the first push of each person. until: entries before
+    this day or time.
     """
-    with refused(422, "request", ValueError):
-        first, last = (None if text is None else utc(text) for text in (since, until))
     log: Audit = request.app.state.audit
     with suppress(StoreError):  # the stored entries can still be read
         await log.flush(store)
-    entries = store.audit.read(first, last, who)
+    entries = store.audit.read(since, until, who)
     if kind == "csv":
         return StreamingResponse(as_csv(entries), media_type=CSV)
     return StreamingResponse(as_json_lines(entries), media_type=JSON_LINES)

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from datetime import datetime
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -55,7 +54,6 @@ from app.store.tables import (
     new_id,
     now,
     recordings,
-    time_text,
 )
 from core.channels import LATERAL
 from core.conditions import ConditionKey
@@ -132,8 +130,8 @@ class FlightFilter:
     monitor: str = ""
     aircraft: str = ""
     text: str = ""
-    since: datetime | None = None
-    until: datetime | None = None
+    since: str | None = None
+    until: str | None = None
 
 
 _OF_FLIGHT = assessment_chunks.c.flight_id == flights.c.id
@@ -458,9 +456,9 @@ def _conditions(wanted: FlightFilter) -> list[ColumnElement[bool]]:
         of_aircraft = select(recordings.c.id).where(recordings.c.aircraft == wanted.aircraft)
         conditions.append(source["recording"].as_string().in_(of_aircraft))
     if wanted.since:
-        conditions.append(flights.c.created >= time_text(wanted.since))
+        conditions.append(flights.c.created >= wanted.since)
     if wanted.until:
-        conditions.append(flights.c.created <= time_text(wanted.until))
+        conditions.append(flights.c.created <= wanted.until)
     if text := wanted.text.strip():
         named = select(monitors.c.id).where(monitors.c.name.icontains(text, autoescape=True))
         sets = select(monitor_sets.c.id).where(monitor_sets.c.name.icontains(text, autoescape=True))

@@ -132,9 +132,9 @@ def test_flights_are_found_by_progress_monitor_time_aircraft_and_text(
     since = store.flights.info(steps).created
     assert found(since=since) == [running, steps]
     assert found(until=since.replace("Z", "+00:00")) == [steps, *mine[::-1]]
-    assert "timezone" in problem(client.get(FLIGHTS, params={"since": "2026-01-01T00:00:00"}), 422)
-    for wild, words in (("1502", "2026-01-31T12:00:00Z"), ("0001-01-01T00:00:00+01:00", "years")):
-        assert words in problem(client.get(FLIGHTS, params={"since": wild}), 422)
+    assert found(until=since.removesuffix("Z")) == [steps, *mine[::-1]]
+    for wild in ("1502", "0001-01-01T00:00:00+01:00"):
+        assert "is not a time" in problem(client.get(FLIGHTS, params={"since": wild}), 422)
     assert "cursor" in problem(client.get(FLIGHTS, params={"cursor": "nonsense"}), 422)
 
 
