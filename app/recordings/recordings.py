@@ -116,20 +116,16 @@ class Recordings:
                 raise
         return recording_id
 
-    async def receive_rollouts(
-        self, fields: AsyncIterator[SentField], given: dict[str, str], length: int
-    ) -> SentRollouts:
+    async def receive_rollouts(self, fields: AsyncIterator[SentField], length: int) -> SentRollouts:
         """Receive files of rollouts into a folder, which the caller drops by `drop_rollouts`.
 
-        given: text fields besides those sent.   length: declared by the client [bytes], or 0.
+        length: declared by the client [bytes], or 0.
         Busy; NoSpace; NotFound; Stalled; TelemetryError.
         """
         upload_id = new_id()
         with self._uploading():
             try:
                 sent = SentRollouts(await run_to_end(self._begin, upload_id, length))
-                for name, text in given.items():
-                    sent.set_field(name, text)
                 await receive_rollouts(fields, sent, self.files.require)
                 await run_to_end(self._check, sent)
             except BaseException:

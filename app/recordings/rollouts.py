@@ -79,13 +79,6 @@ class SentRollouts:
         else:
             self.name = text.strip()[:LONGEST_NAME]
 
-    def is_json(self) -> bool:
-        """Whether the first file looks like JSON."""
-        if not self.files:
-            return False
-        with (self.folder / FILES / self.files[0]).open("rb") as file:
-            return file.read(1) in (b"{", b"[")
-
     def read(self, most_bytes: int) -> RolloutFile:
         """Read the flights, in a separate process. TelemetryError; NoSpace."""
         source, name = self.folder / FILES, "the files"

@@ -2,7 +2,7 @@
 
 import asyncio
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from functools import partial
 from typing import Annotated, Any, Literal
@@ -37,13 +37,12 @@ from app.routes.dependencies import (
     refused,
 )
 from app.routes.jobs import accepted, queued
-from app.routes.sent_files import BINARY, CONTENT, FORM, OCTETS, sent_fields
+from app.routes.sent_files import BINARY, FORM, sent_fields
 from app.settings import Settings
 from app.store.datasets import DatasetInfo
 from app.store.jobs import JobInfo
 from app.store.store import Store
 from core.channels import Dictionary
-from core.recipe import instead_of
 
 router = APIRouter(prefix="/api/v1/datasets", tags=["datasets"])
 Outcome = Literal["unsafe", "safe"]
@@ -95,44 +94,35 @@ class RolloutPreview(BaseModel):
     theta_names: list[str] = Field(description="parameters of each flight")
 
 
-_TEXT = {"type": "string"}
-_ROLLOUTS: dict[str, Any] = {
-    "schema": {
-        "title": "Rollouts in a form",
-        "type": "object",
-        "properties": {
-            "file": {
-                "description": "arrays or a table of many flights; or, sent several times, one "
-                "file for each flight",
-                "anyOf": [BINARY, {"type": "array", "items": BINARY}],
-            },
-            "name": _TEXT | {"description": "of the dataset; that of the first file if absent"},
-            "dictionary": _TEXT
-            | {"description": "channels as JSON or CSV; made from the files if absent"},
-            "channel": _TEXT
-            | {"description": "computed: KEY [UNIT] = FORMULA, one a line, or sent several times"},
-            "limit": _TEXT
-            | {
-                "description": "KEY=LOW..HIGH, or a requirement such as `always (Nz < 4.9 or alpha "
-                "< 0.2)`; one a line, or sent several times"
-            },
-            "dt": _TEXT | {"description": "sample interval [s], if the files do not give it"},
-            "recording": _TEXT
-            | {
-                "description": "id of a recording, whose manoeuvres become rollouts, or "
-                "RECORDING/SCORING for those of a scoring; one a line, or sent several times"
-            },
-            "label": _TEXT
-            | {
-                "description": "RECORDING=safe, or RECORDING=TIME of failure [s], several with "
-                "commas; one a line, or sent several times"
-            },
-            "dataset": _TEXT | {"description": "id of stored rollouts that the recordings join"},
-        },
-    },
-    "example": {"file": "doublets.npz", "limit": "Nz=-1.1..2.9g"},
+_FIELDS = {
+    "name": "of the dataset; that of the first file if absent",
+    "dictionary": "channels as JSON or CSV; made from the files if absent",
+    "channel": "computed: KEY [UNIT] = FORMULA, one a line, or sent several times",
+    "limit": "KEY=LOW..HIGH, or a requirement such as `always (Nz < 4.9 or alpha < 0.2)`; one a "
+    "line, or sent several times",
+    "dt": "sample interval [s], if the files do not give it",
+    "recording": "id of a recording, whose manoeuvres become rollouts, or RECORDING/SCORING for "
+    "those of a scoring; one a line, or sent several times",
+    "label": "RECORDING=safe, or RECORDING=TIME of failure [s], several with commas; one a line, "
+    "or sent several times",
+    "dataset": "id of stored rollouts that the recordings join",
 }
-_ROLLOUT_BODY = {FORM: _ROLLOUTS, OCTETS: CONTENT[OCTETS]}
+_FILES = {
+    "description": "arrays or a table of many flights; or, sent several times, one file for each "
+    "flight",
+    "anyOf": [BINARY, {"type": "array", "items": BINARY}],
+}
+_ROLLOUTS: dict[str, Any] = {
+    FORM: {
+        "schema": {
+            "title": "Rollouts in a form",
+            "type": "object",
+            "properties": {"file": _FILES}
+            | {name: {"type": "string", "description": text} for name, text in _FIELDS.items()},
+        },
+        "example": {"file": "doublets.npz", "limit": "Nz=-1.1..2.9g"},
+    }
+}
 _BODY = body_of(
     dataset_request_schema(),
     {
@@ -145,11 +135,7 @@ _BODY = body_of(
         "seed": 1,
     },
 )
-_BODY["requestBody"]["content"] |= _ROLLOUT_BODY
-
-FormText = Annotated[str | None, Query(description="as in a form, beside a body that is one file")]
-Limits = Annotated[list[str] | None, Query(description="as in a form: KEY=LOW..HIGH")]
-Computed = Annotated[list[str] | None, Query(description="as in a form: KEY [UNIT] = FORMULA")]
+_BODY["requestBody"]["content"] |= _ROLLOUTS
 
 
 @router.post("", **queued(408, 429, 507), openapi_extra=_BODY)
@@ -159,11 +145,6 @@ async def add_dataset(
     jobs: JobsDep,
     settings: SettingsDep,
     recordings: RecordingsDep,
-    name: FormText = None,
-    dictionary: FormText = None,
-    channel: Computed = None,
-    limit: Limits = None,
-    dt: FormText = None,
 ) -> JobInfo:
     """Simulate a planned test until `n_unsafe` rollouts are unsafe, or add rollouts; starts a job.
 
@@ -171,7 +152,7 @@ async def add_dataset(
     jitter and imperfections of flight; `"imperfections": "none"` omits these. Angles are in
     radians, N_y is in g, and names ending in `_deg` are in degrees.
 
-    A form, or a body of another type, is files of rollouts of any simulator:
+    A form has files of rollouts of any simulator:
     `curl -F file=@doublets.npz -F limit=Nz=-1.1..2.9g URL`. They may be npz, MATLAB or HDF5 arrays,
     a long table with a column `flight`, or one file for each flight. Recordings join by themselves,
     beside files, or beside a stored dataset, with its channels and limits:
@@ -180,14 +161,12 @@ async def add_dataset(
     ones by the job. Its result has the dataset's id and `findings`: what was left out, or looks
     implausible.
     """
+    for key in request.query_params:
+        raise RecipeError(f"the address has {key}=: give it in the body")
     if content_type(request) == "application/json":
-        for key in request.query_params:
-            raise RecipeError(f"{key} was given beside a recipe: it is for files, leave it out")
         plain = await _recipe_of(request, settings)
         return await _simulate(plain, store, jobs, settings)
-    fields = {"name": name, "dictionary": dictionary, "dt": dt}
-    fields |= {"channel": "\n".join(channel or ()), "limit": "\n".join(limit or ())}
-    sent = await _received(request, recordings, fields)
+    sent = await _received(request, recordings)
     work = sent, recordings, settings.max_array_bytes
     drop = partial(recordings.drop_rollouts, sent)
     try:
@@ -202,22 +181,16 @@ async def add_dataset(
 @router.post(
     "/preview",
     responses=problem_responses(408, 429, 507),
-    openapi_extra={"requestBody": {"required": True, "content": _ROLLOUT_BODY}},
+    openapi_extra={"requestBody": {"required": True, "content": _ROLLOUTS}},
 )
 async def preview_rollouts(
-    request: Request,
-    settings: SettingsDep,
-    recordings: RecordingsDep,
-    name: FormText = None,
-    dictionary: FormText = None,
-    dt: FormText = None,
+    request: Request, settings: SettingsDep, recordings: RecordingsDep
 ) -> RolloutPreview:
     """Read files of rollouts, or recordings, without storing them: channels, units and ranges.
 
     Set roles and limits by these, then send the files with `dictionary` and `limit`.
     """
-    fields = {"name": name, "dictionary": dictionary, "dt": dt}
-    sent = await _received(request, recordings, fields)
+    sent = await _received(request, recordings)
     try:
         about = sent, recordings, settings.max_array_bytes
         return json_response(await recordings.readers.run(_preview, *about))
@@ -230,24 +203,14 @@ def _preview(sent: SentRollouts, recordings: Recordings, most_bytes: int) -> dic
     return preview_of(read) | {"findings": findings}
 
 
-async def _received(
-    request: Request, recordings: Recordings, fields: Mapping[str, str | None]
-) -> SentRollouts:
-    for key in request.query_params:
-        if key not in fields:
-            raise RecipeError(f"the address has {key}=: {instead_of(key, fields)}")
-    given = {name: text for name, text in fields.items() if text}
+async def _received(request: Request, recordings: Recordings) -> SentRollouts:
+    if (kind := content_type(request)) != FORM:
+        raise Problem(415, f"the body has content type {kind or 'none'}: send JSON, or a form")
     try:
-        sent = await recordings.receive_rollouts(
-            sent_fields(request), given, declared_length(request)
-        )
+        return await recordings.receive_rollouts(sent_fields(request), declared_length(request))
     except ClientDisconnect:
         text = "the upload was interrupted and nothing is stored: send the files again"
         raise Problem(408, text) from None
-    if content_type(request) != FORM and await asyncio.to_thread(sent.is_json):
-        await asyncio.to_thread(recordings.drop_rollouts, sent)
-        raise Problem(415, "the body looks like JSON: send it as application/json")
-    return sent
 
 
 async def _recipe_of(request: Request, settings: Settings) -> dict[str, Any]:

@@ -106,25 +106,11 @@ def test_every_kind_of_file_gives_the_same_flights(
     assert stored.specification == "labels of the rollouts"
 
 
-def test_a_whole_body_is_one_file(client: TestClient) -> None:
-    query = {"name": "pitch.npz", "limit": ["Nz=-1.1..", "alpha=-40deg..40deg"]}
-    answer = client.post(PATH, params=query, content=npz(flights(200)))
-    job = finished(client, answer)
-    assert job["status"] == "done", job["error"]
-    info = client.get(f"{PATH}/{job['result']['dataset']}").json()
-    assert info["limits"]["Nz"]["high"] is None
-    assert info["limits"]["alpha"]["high"] == pytest.approx(np.radians(40))
-    assert [peaks["channel"] for peaks in info["peaks"]] == ["alpha", "Nz"]
-
-
 @pytest.mark.parametrize("name", ["{away}/rollouts", "a/../../b", "F-16 1.2/3", "..", ".hidden"])
-def test_a_body_is_stored_among_the_uploads_whatever_its_name(
+def test_rollouts_are_stored_among_the_uploads_whatever_their_name(
     name: str, client: TestClient, tmp_path: Path
 ) -> None:
-    answer = client.post(
-        PATH, params={"name": name.format(away=tmp_path), **LIMIT}, content=npz(flights(200))
-    )
-    job = finished(client, answer)
+    job = add(client, ("own.npz", npz(flights(200))), name=name.format(away=tmp_path), **LIMIT)
     assert job["status"] == "done", job["error"]
     assert client.get(f"{PATH}/{job['result']['dataset']}").json()["name"] == name.format(
         away=tmp_path
@@ -252,9 +238,14 @@ def test_files_too_large_to_check_at_once_are_refused_by_the_job(
     assert incoming(client) == []
 
 
-def test_an_unknown_name_in_the_address_is_refused(client: TestClient) -> None:
-    for path in (f"{PATH}?limits=Nz=..2", f"{PATH}?limit=Nz=..2&lim=2"):
-        assert "did you mean limit" in problem(client.post(path, content=npz(flights())), 422)
+def test_a_field_in_the_address_and_a_body_of_no_form_are_refused(client: TestClient) -> None:
+    form = [("file", ("own.npz", npz(flights())))]
+    answer = client.post(f"{PATH}?limit=Nz=..2", files=form)
+    assert "limit=: give it in the body" in problem(answer, 422)
+    for path in (PATH, f"{PATH}/preview"):
+        octets = {"content-type": "application/octet-stream"}
+        answer = client.post(path, content=npz(flights()), headers=octets)
+        assert "octet-stream" in problem(answer, 415)
 
 
 @pytest.mark.parametrize(
@@ -364,4 +355,4 @@ def test_units_of_the_file_are_converted(client: TestClient, pitch: dict[str, An
 def test_what_is_said_of_files_is_refused_beside_a_recipe(client: TestClient) -> None:
     answer = client.post(f"{PATH}?limit=Nz=..3", json={"n_unsafe": 20})
     assert answer.status_code == 422
-    assert "limit was given beside a recipe" in answer.text
+    assert "limit=: give it in the body" in answer.text
