@@ -38,6 +38,8 @@ KEEPALIVE_S = 5
 STATE_EXPIRES_S = 5
 """The retained state is published each second and vanishes when it is older."""
 CONNECT_S, RECONNECT_S = 10.0, 1
+KEPT_S = 600
+"""The broker keeps samples for a stopped bridge for so long."""
 MOST_UNACKNOWLEDGED = 1_000
 """Messages that the broker sends before an acknowledgement."""
 EXCERPT = 200
@@ -66,7 +68,6 @@ class Broker:
     """An MQTT 5 broker and how to log in.
 
     tls: None for a connection without encryption.
-    keep: time for which it keeps the samples for a stopped bridge [s].
     """
 
     host: str
@@ -74,7 +75,6 @@ class Broker:
     user: str | None = None
     password: str | None = None
     tls: ssl.SSLContext | None = None
-    keep: int = 600
 
     def __str__(self) -> str:
         return f"{'mqtts' if self.tls else 'mqtt'}://{self.host}:{self.port}"
@@ -228,7 +228,7 @@ class MqttBridge:
         will = msgspec.json.encode(self._gone(GONE))
         self._mqtt.will_set(f"{self.topic}/state", will, qos=1, retain=True)
         about = Properties(PacketTypes.CONNECT)
-        about.SessionExpiryInterval = self.broker.keep
+        about.SessionExpiryInterval = KEPT_S
         about.ReceiveMaximum = MOST_UNACKNOWLEDGED
         self.broker.connect(self._mqtt, self._answered, clean_start=False, properties=about)
         if self._refusal:

@@ -26,8 +26,6 @@ PORTS = {"mqtt": 1883, "mqtts": 8883}
 LOCAL = ("127.0.0.1", "::1", "localhost")
 STARTS_S, AGAIN_S = 5.0, 0.1
 """[s] A listed flight accepts samples after this time at the latest; how often it is asked."""
-LONGEST_KEPT_S = 2**32 - 1
-"""The longest time of MQTT: without end."""
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -40,18 +38,9 @@ def add(parser: argparse.ArgumentParser) -> None:
     )
     option(parser, "--prefix PREFIX", "of the topics; default: %(default)s", default="forewarn")
     option(parser, "--user NAME", f"user of the broker; the password is in {PASSWORD}")
-    option(parser, "--password-file FILE", "file with the broker's password", type=Path)
     option(parser, "--ca FILE", "PEM file that certifies the broker, if not the system", type=Path)
     option(parser, "--certificate FILE", "PEM file that certifies this client", type=Path)
     option(parser, "--key FILE", "PEM file with the key of --certificate", type=Path)
-    option(
-        parser,
-        "--keep SECONDS",
-        "time for which the broker keeps samples while this command is stopped; "
-        "default: %(default)s",
-        type=int,
-        default=600,
-    )
     add_flight(parser)
     option(parser, "--recording ID", "stored recording whose mapping the started flight uses")
     parser.epilog = f"{TOKEN} holds an operator's token, if the server needs one."
@@ -151,13 +140,9 @@ def broker_of(options: argparse.Namespace) -> Broker:
     if "@" in url.netloc:
         raise ValueError(
             f"--broker holds a login, which others of this machine can read: give --user, and the "
-            f"password by {PASSWORD} or --password-file"
+            f"password by {PASSWORD}"
         )
-    if not 0 <= options.keep <= LONGEST_KEPT_S:
-        raise ValueError(f"--keep {options.keep}: give 0 to {LONGEST_KEPT_S} s (without end)")
     password = os.environ.get(PASSWORD)
-    if options.password_file is not None:
-        password = _password(options.password_file)
     if password and options.user is None:
         raise ValueError("a password of the broker needs its user: give --user")
     tls = None
@@ -169,19 +154,7 @@ def broker_of(options: argparse.Namespace) -> Broker:
         say(f"WARNING: the password goes to {url.hostname} unencrypted: use mqtts://")
     from app.client.mqtt_bridge import Broker  # slow to import, not needed for help
 
-    about = options.user, password, tls, options.keep
-    return Broker(url.hostname, port or PORTS[url.scheme], *about)
-
-
-def _password(file: Path) -> str:
-    try:
-        return file.read_text(encoding="utf-8").rstrip("\r\n")
-    except (OSError, UnicodeDecodeError) as error:
-        why = error.strerror if isinstance(error, OSError) else "it is no UTF-8 text"
-        raise ValueError(
-            f"--password-file {file}: {why}: give a file that this command can read, with nothing "
-            "but the password"
-        ) from None
+    return Broker(url.hostname, port or PORTS[url.scheme], options.user, password, tls)
 
 
 def _tls(options: argparse.Namespace) -> ssl.SSLContext:

@@ -41,16 +41,12 @@ def sample(k: int) -> dict[str, float]:
     ("options", "needed"),
     [
         (["--broker", "http://host"], "mqtt://host or mqtts://host"),
-        (["--broker", "mqtt://ann:secret@host"], "--password-file"),
+        (["--broker", "mqtt://ann:secret@host"], "FOREWARN_MQTT_PASSWORD"),
         (["--broker", "mqtt://host:none"], "with :port"),
         (["--prefix", "range/#"], "no part of a topic"),
         (["--ca", "ca.pem"], "mqtts://"),
         (["--broker", "mqtts://host", "--ca", "ca.pem"], "ca.pem is no file"),
-        (["--password-file", __file__], "--user"),
         (["--condition", "mach=0.6"], "--monitor-set"),
-        (["--keep", "-5"], "--keep -5: give 0 to 4294967295 s"),
-        (["--keep", "4294967296"], "give 0 to 4294967295 s"),
-        (["--password-file", "missing"], "--password-file missing: No such file"),
     ],
 )
 def test_wrong_options_are_refused_before_anything_is_connected(
@@ -331,9 +327,7 @@ def failed(made: subprocess.Popen[str]) -> str:
 
 
 @pytest.mark.services
-def test_a_password_comes_from_the_environment_or_a_file(server: LiveServer, tmp_path: Path):
-    file = tmp_path / "password"
-    file.write_text("secret\n")
+def test_a_password_comes_from_the_environment(server: LiveServer):
     into = "--monitor", server.monitor_id, "--user", "ann", "--name", "login"
     with mosquitto.running(with_password) as broker:
         with bridge(broker, server.url, *into, FOREWARN_MQTT_PASSWORD="nonsense") as made:
@@ -341,9 +335,6 @@ def test_a_password_comes_from_the_environment_or_a_file(server: LiveServer, tmp
         assert in_progress(server, "login") == []
         far = Range(broker, TOPIC, username="ann", password="secret")
         with bridge(broker, server.url, *into, FOREWARN_MQTT_PASSWORD="secret"):
-            far.state(progress="running")
-        far.state(progress="unknown")
-        with bridge(broker, server.url, *into, "--password-file", str(file)):
             far.state(progress="running")
         far.close()
 
@@ -386,13 +377,6 @@ def test_a_broker_that_is_not_there_is_an_error_and_starts_no_flight(
     assert main(["mqtt", "F16", *into, "--server", server.url]) == 1
     assert "is the broker running?" in capsys.readouterr().err
     assert in_progress(server, "nowhere") == []
-
-
-def test_a_password_file_of_another_kind_is_named(tmp_path: Path, capsys: pytest.CaptureFixture):
-    file = tmp_path / "password"
-    file.write_bytes(b"\xff")
-    assert main(["mqtt", "F16", "--monitor", "m", "--password-file", str(file)]) == 1
-    assert f"--password-file {file}" in capsys.readouterr().err
 
 
 def test_without_a_flight_the_command_says_where_an_id_is(capsys: pytest.CaptureFixture):
