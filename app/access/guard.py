@@ -96,17 +96,17 @@ class Guard:
         if scope["type"] not in ("http", "websocket"):
             return await self.app(scope, receive, send)
         connection = HTTPConnection(scope)
-        send = _with_headers(send, scope)
+        send = answer = _Answer(send, scope["path"])
         try:
             self.check_host(connection.headers)
             site = self.check_origin(scope, connection.headers)
             if site:
-                send = _readable_by(send, site)
+                answer.site = site
                 if scope["type"] == "http" and scope["method"] == "OPTIONS":
                     return await Response(None, 204, CORS_HEADERS)(scope, receive, send)
             elif self.people.needs_token and _is_http(scope, login.PATHS):
-                answer = await self.login.answer(Request(scope, receive))
-                return await answer(scope, receive, send)
+                page = await self.login.answer(Request(scope, receive))
+                return await page(scope, receive, send)
             if _is_http(scope, PUBLIC_PATHS):
                 return await self.app(scope, receive, send)
             admission, session = self.check_token(scope, connection, site)
@@ -117,7 +117,7 @@ class Guard:
             self.check_role(connection, person)
         except Problem as problem:
             return await self._refuse(problem, scope, receive, send)
-        send = _noted(send, partial(self.audit.note_answer, connection, person))
+        answer.note = partial(self.audit.note_answer, connection, person)
         if scope["type"] == "http" and not scope["path"].endswith(EVENTS_SUFFIX):
             return await self.app(scope, receive, send)
         return await self._stream(self._wait_for_end(admission, session), scope, receive, send)
@@ -293,48 +293,36 @@ def _is_address(name: str, settings: Settings) -> bool:
     return address.is_loopback or not settings.is_local
 
 
-def _noted(send: Send, note: Callable[[int], None]) -> Send:
-    """Note the status of the answer; an accepted WebSocket counts as 101."""
-
-    async def send_on(message: Message) -> None:
-        if message["type"] == "http.response.start":
-            note(message["status"])
-        elif message["type"] == "websocket.accept":
-            note(101)
-        await send(message)
-
-    return send_on
-
-
 def _is_http(scope: Scope, paths: Collection[str]) -> bool:
     return scope["type"] == "http" and scope["path"] in paths
 
 
-def _readable_by(send: Send, origin: str) -> Send:
-    """Let the page of another origin read the answer."""
+class _Answer:
+    """Sends an answer with the security headers that its route has not set.
 
-    async def send_on(message: Message) -> None:
-        if message["type"] in ("http.response.start", "websocket.http.response.start"):
-            headers = MutableHeaders(scope=message)
-            headers["Access-Control-Allow-Origin"] = origin
-            headers.add_vary_header("Origin")
-        await send(message)
+    site: another origin, whose page may read it.   note: receives the status; an accepted WebSocket
+    counts as 101.
+    """
 
-    return send_on
+    def __init__(self, send: Send, path: str) -> None:
+        self._send, self._path = send, path
+        self.site = ""
+        self.note: Callable[[int], None] = lambda _: None
 
-
-def _with_headers(send: Send, scope: Scope) -> Send:
-    """Add the security headers that the route has not set."""
-    path = scope["path"]
-    policy = next(policy for start, policy in POLICIES if path.startswith(start))
-
-    async def send_on(message: Message) -> None:
+    async def __call__(self, message: Message) -> None:
         if message["type"] in ("http.response.start", "websocket.http.response.start"):
             headers = MutableHeaders(scope=message)
             for name, value in HEADERS.items():
                 headers.setdefault(name, value)
+            policy = next(policy for start, policy in POLICIES if self._path.startswith(start))
             headers.setdefault("Content-Security-Policy", policy)
-            headers.setdefault("Cache-Control", "no-store" if "/api/" in path else "no-cache")
-        await send(message)
-
-    return send_on
+            kept = "no-store" if "/api/" in self._path else "no-cache"
+            headers.setdefault("Cache-Control", kept)
+            if self.site:
+                headers["Access-Control-Allow-Origin"] = self.site
+                headers.add_vary_header("Origin")
+        if message["type"] == "http.response.start":
+            self.note(message["status"])
+        elif message["type"] == "websocket.accept":
+            self.note(101)
+        await self._send(message)
