@@ -34,11 +34,12 @@ CONTENT_SECURITY_POLICY = (
 )
 """Only what viser's client needs; it connects to this origin alone."""
 
-STYLE = b"""<style>#webgl-software-rendering{display:none}
+STYLE = b"""<style>#webgl-software-rendering, .mantine-Paper-root, .mantine-Notifications-root
+{display:none !important}
 html, canvas[data-engine] {background: #16283c}
 html[data-theme="light"], [data-theme="light"] canvas[data-engine] {background: #b4d2ee}
 </style>"""
-"""Hides the client's notice of software rendering, which would cover the risk. The canvas is
+"""Hides the client's panel and notices, which would cover the aircraft. The canvas is
 transparent above the horizon: its background is the sky, in the theme that the Fly page sets."""
 
 SCRIPT = (

@@ -38,10 +38,9 @@ from app.scene.shown import (
     Colour,
     KnownAngles,
     Shown,
-    caption,
     label,
-    readout,
     tone,
+    unknown,
 )
 from core.monitor.assessment import State
 from core.simulation.attitude import Attitude, SurfaceSigns
@@ -267,7 +266,6 @@ class Picture:
         )
         if "rudder" not in self._parts:
             self._add_words(f"{WORDS}/fixed", "surfaces do not move", 0.8, FIXED_AT)
-        self._readout = self._server.gui.add_html("")
 
     def _add_words(
         self, name: str, text: str, size: float, at: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -348,10 +346,9 @@ class Picture:
         urgent = COLOURS[shown.headline.level]
         self._paint(self._ring, urgent)
         self._set(self._ring, thickness=5.0 if urgent in (ALERT, CAUTION) else 2.0)
-        words = caption(shown)
         self._set(self._headline, text=label(shown))
-        self._set(self._unknown, text=words.unknown, visible=words.unknown != "")
-        self._set(self._readout, content=readout(words, urgent))
+        lacking = unknown(shown)
+        self._set(self._unknown, text=lacking, visible=lacking != "")
 
     def _paint(self, node: Any, colour: Colour) -> None:
         key = id(node), "colors"
@@ -392,9 +389,8 @@ def _drawn(angle: float) -> float:
 
 
 def _stage(server: viser.ViserServer) -> None:
-    """Up direction, lights, background, camera, and viser's panel out of the way."""
-    server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
-    server.gui.main_panel.float(x=-10, y=10, width=262)
+    """Up direction, lights, background and camera."""
+    server.gui.configure_theme(dark_mode=True)
     scene = server.scene
     scene.set_up_direction("-z")
     scene.configure_environment_map(None)

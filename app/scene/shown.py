@@ -1,7 +1,6 @@
 """What a scene shows at one moment, in words and colours."""
 
 from collections.abc import Mapping
-from html import escape
 from typing import NamedTuple
 
 from core.monitor.assessment import Cause, State
@@ -26,8 +25,8 @@ PLANNED: Colour = (214, 226, 240)
 """Visible on a dark and on a light sky: the sky is the page's background, in the viewer's theme."""
 
 EXAGGERATION = 3.0
-"""Factor of the drawn surface angles and sideslip; shown in the scene."""
-LONGEST_DETAIL, LONGEST_LABEL = 120, 36
+"""Factor of the drawn surface angles and sideslip."""
+LONGEST_LABEL = 36
 COLOURS = {
     Level.WARNING: ALERT,
     Level.CAUTION: CAUTION,
@@ -69,15 +68,6 @@ class Shown(NamedTuple):
         return headline(self.facts)
 
 
-class Caption(NamedTuple):
-    """Words of a scene: headline, risk if known, detail, and what is not known, if anything."""
-
-    word: str
-    risk: str
-    detail: str
-    unknown: str = ""
-
-
 def unknown(shown: Shown) -> str:
     """`bank, heading and surfaces not known`: what the picture leaves out; empty for nothing."""
     bank, pitch, heading = shown.attitude
@@ -98,26 +88,19 @@ def _unknown_of(values: Mapping[str, float | None], together: str = "") -> list[
     return [together] if together and len(names) == len(values) else names
 
 
-def caption(shown: Shown) -> Caption:
-    """A number only for an assessed sample; a word unless the flight is calm."""
-    now = shown.headline
-    both = "" if now.status is Status.OK else in_words(now, shown.cause)
-    if shown.state is not State.OK or shown.p_value is None:
-        return Caption(both, "", shown.reason or "no risk known", unknown(shown))
-    return Caption(
-        both,
-        f"RISK {as_text(shown.p_value, shown.alert_above)}",
-        f"alert above {shown.alert_above:.3g}",
-        unknown(shown),
-    )
-
-
 def label(shown: Shown) -> str:
-    """As much of the caption as fits the narrowest scene, the current status in any case."""
-    words, now = caption(shown), shown.headline
+    """Headline and risk, as much as fits the narrowest scene; the current status in any case.
+
+    A number only for an assessed sample; a word unless the flight is calm.
+    """
+    now = shown.headline
     first = in_words(now._replace(exceeded_t=None), shown.cause)
     headline = in_words(now, shown.cause)
-    texts = (f"{words.word} {words.risk}".strip(), words.word, headline, first)
+    word = "" if now.status is Status.OK else headline
+    risk = "" if word else "no risk known"
+    if shown.state is State.OK and shown.p_value is not None:
+        risk = f"RISK {as_text(shown.p_value, shown.alert_above)}"
+    texts = (f"{word} {risk}".strip(), word, headline, first)
     return next((text for text in texts if len(text) <= LONGEST_LABEL), first)
 
 
@@ -129,26 +112,6 @@ def as_text(p_value: float, alert_above: float) -> str:
         if float(text) > 0.0 and (float(text) > alert_above) == (p_value > alert_above):
             break
     return text
-
-
-def readout(words: Caption, colour: Colour) -> str:
-    """The words as HTML for viser's panel; `detail` is escaped since it may be external text."""
-    tint = f"rgb{colour}"
-    style = f"background:{tint};color:#0b0f14;padding:0 8px;margin:0 -8px 2px;border-radius:4px"
-    word = f'<div style="{style};font-size:24px;font-weight:800">{words.word}</div>'
-    small = '<span style="font-size:12px;font-weight:400;color:#cdd6e0">(higher is worse)</span>'
-    large = f"white-space:nowrap;font-size:20px;font-weight:700;color:{tint}"
-    risk = f'<div style="{large}">{words.risk} {small}</div>'
-    missing = f'<div style="font-size:13px;font-weight:700">{words.unknown}</div>'
-    return (
-        '<div style="font-family:system-ui,sans-serif;padding:0 12px 4px;line-height:1.3">'
-        + word * bool(words.word)
-        + risk * bool(words.risk)
-        + f'<div style="font-size:13px">{escape(words.detail[:LONGEST_DETAIL])}</div>'
-        + missing * bool(words.unknown)
-        + '<div style="font-size:11px;opacity:.7">surfaces and sideslip drawn '
-        f"×{EXAGGERATION:g}</div></div>"
-    )
 
 
 def tone(shown: Shown) -> Colour:

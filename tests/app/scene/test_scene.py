@@ -41,7 +41,7 @@ class TestScenes:
             drawn.clear()
             show(scene)
             assert drawn.wait(20.0)
-        assert "RISK 0.04" in scene._picture._readout.content
+        assert "RISK 0.04" in scene._picture._headline.text
 
     def test_a_scene_that_fails_is_closed_rather_than_frozen(self, caplog):
         scenes = Scenes()

@@ -202,22 +202,22 @@ class TestWhatGoesUpstream:
     def test_noise_does_not(self, noise):
         assert admitted(noise) is None
 
-    def test_a_watcher_cannot_write_the_panel(self, site, arrivals):
+    def test_a_watcher_cannot_write_the_words(self, site, arrivals):
         scene = site.scenes.open("f1")
         show(scene)
         scene.draw()
-        panel = scene._picture._readout
+        headline = scene._picture._headline
         forged = {
-            "type": "GuiUpdateMessage",
-            "uuid": panel._impl.uuid,
-            "updates": {"content": "RISK 0.00"},
+            "type": "SceneNodeUpdateMessage",
+            "name": headline.name,
+            "updates": {"text": "RISK 0.00"},
         }
         with watch(site) as watcher:
             watcher.send(packed(forged))
             watcher.send(packed(CAMERA))
             came = arrivals.until(_messages.ViewerCameraMessage)
         assert came == [_messages.ViewerCameraMessage]
-        assert "RISK 0.04" in panel.content
+        assert headline.text == "RISK 0.04"
 
     def test_the_same_message_would_arrive_without_the_proxy(self, scene, arrivals):
         forged = {"type": "GuiUpdateMessage", "uuid": "x", "updates": {}}

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from playwright.sync_api import Page
+from playwright.sync_api import Frame, Page
 
 from app.scene.picture import CAMERAS
 from core.monitor.assessment import State
@@ -67,56 +67,50 @@ def asked(page: Page) -> list[str]:
     return addresses
 
 
-def settles(page: Page, wanted: dict, words: str) -> None:
-    """Wait for the pixels and for the words of viser's panel."""
-    page.get_by_text(words, exact=False).first.wait_for(timeout=60_000)
+def settles(page: Page | Frame, wanted: dict) -> None:
+    """Wait for the pixels."""
     page.wait_for_function(COUNT, arg=wanted, timeout=60_000)
 
 
-def test_the_scene_shows_the_state_in_colour_and_words(page: Page, site: Site, asked: list[str]):
+def test_the_scene_shows_the_state_in_colour(page: Page, site: Site, asked: list[str]):
     scene = site.scenes.open("f1")
     for k in range(60):
         show(scene, 0.05 * k)
         scene.draw()
     page.goto(f"{site.http}/scene/f1/")
     page.wait_for_selector(CANVAS)
-    settles(page, CALM, "RISK 0.04")
-    page.get_by_text("(higher is worse)").wait_for()
-    page.get_by_text("drawn ×3").wait_for()
+    settles(page, CALM)
 
     for k in range(61, 181):  # until all of the trail is of the alert
         attitude = Attitude(-0.5, 0.05, 0.1)
         show(scene, 0.05 * k, p_value=0.42, alert=True, beta=0.1, attitude=attitude)
         scene.draw()
-    settles(page, ALERT, "ALERT")
-    page.get_by_text("RISK 0.42").wait_for()
+    settles(page, ALERT)
 
     show(scene, 20.0, p_value=None, alert=False, state=State.STALE, reason="no sample for 1 s")
-    settles(page, SILENT, "STALE")
-    page.get_by_text("no sample for 1 s").wait_for()
-    assert page.get_by_text("RISK").count() == 0
+    settles(page, SILENT)
 
     show(scene, 20.05, p_value=None, alert=False, state=State.INVALID, reason="beta is not finite")
-    settles(page, SILENT, "INVALID")
+    settles(page, SILENT)
     show(scene, 20.10, p_value=None, alert=False, state=State.WARMING_UP)
-    settles(page, {"red": [0, 0], "teal": [0, 60]}, "WARMING UP")
+    settles(page, {"red": [0, 0], "teal": [0, 60]})
     show(scene, 20.15)
-    settles(page, CALM, "RISK 0.04")
+    settles(page, CALM)
 
     own = (site.http, site.ws, "data:", "blob:")
     assert [address for address in asked if not address.startswith(own)] == []
     assert f"{site.ws}/scene/f1" in asked
 
 
-def test_a_frame_has_no_share_button_and_reconnects_without_focus_when_told_to(
+def test_a_frame_has_no_panel_and_reconnects_without_focus_when_told_to(
     page: Page, site: Site, asked: list[str]
 ):
     scene = site.scenes.open("f1")
     show(scene)
     page.goto(f"{site.http}/frame/f1")
-    inside = page.frame_locator("#scene")
-    inside.get_by_text("RISK 0.04").wait_for(timeout=60_000)
-    assert inside.get_by_text("Share").count() == 0
+    (inside,) = page.main_frame.child_frames
+    settles(inside, CALM)
+    assert not inside.locator(".mantine-Paper-root:visible").count()
     page.evaluate(
         """() => {
             const {contentDocument, contentWindow} = document.getElementById("scene");
@@ -125,8 +119,8 @@ def test_a_frame_has_no_share_button_and_reconnects_without_focus_when_told_to(
         }"""
     )
     scene._server._websock_server.disconnect_all_clients()
-    show(scene, 1.05, p_value=0.06)
-    inside.get_by_text("RISK 0.06").wait_for(timeout=60_000)
+    show(scene, 1.05, p_value=0.42, alert=True)
+    settles(inside, ALERT | {"red": [300, MANY]})
     assert asked.count(f"{site.ws}/scene/f1") > 1
 
 
@@ -171,7 +165,7 @@ def test_a_page_hides_the_words_of_the_state_alone_or_all_texts(page: Page, site
     scene = site.scenes.open("f1")
     show(scene, p_value=0.42, alert=True)
     page.goto(f"{site.http}/scene/f1/")
-    settles(page, {"colours": [200, MANY]}, "ALERT")
+    settles(page, {"colours": [200, MANY]})
 
     def picture(which: str) -> str:
         """As soon as it no longer changes."""

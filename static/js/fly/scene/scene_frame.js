@@ -18,10 +18,8 @@ const KEY = "forewarn.scene";
 const CAMERA = "forewarn.camera";
 const CAMERAS = { chase: "Chase", tail: "Tail", side: "Side" };
 
-/** viser's own panel would cover the aircraft. */
-const STYLE = `
-  html:not([data-mantine-color-scheme="dark"]) body { visibility: hidden; }
-  .mantine-Paper-root, .mantine-Notifications-root { display: none !important; }`;
+/** Nothing before viser's client knows its theme. */
+const STYLE = `html:not([data-mantine-color-scheme="dark"]) body { visibility: hidden; }`;
 
 export function createSceneFrame(element, flight, address) {
   element.classList.add("scene-panel");
