@@ -118,8 +118,7 @@ NAMES = {
 def check_sensors(readings: SensorReadings) -> tuple[SensorCheck, ...]:
     """Compare roll rate, yaw rate, sideslip, lateral acceleration and airspeed with the others."""
     signals = _Signals(readings)
-    yaw = _yaw_rate(signals)
-    checks = (_roll_rate(signals), yaw, *_sideslip(signals, yaw))
+    checks = (_roll_rate(signals), _yaw_rate(signals), *_sideslip(signals))
     return tuple(
         replace(check, remarks=(*check.remarks, *_remarks(check, signals.mean_speed)))
         for check in checks
@@ -214,12 +213,11 @@ def _of_rate(signals: _Signals, check: SensorCheck, expected: SmoothedSignal) ->
     return replace(check, scale=scale, bias=fit.constant, delay=fit.delay)
 
 
-def _sideslip(signals: _Signals, yaw: SensorCheck) -> tuple[SensorCheck, SensorCheck, SensorCheck]:
+def _sideslip(signals: _Signals) -> tuple[SensorCheck, SensorCheck, SensorCheck]:
     """Sideslip against yaw rate; accelerometer and airspeed by their part of that balance.
 
     First with accelerometer and gravity together, since both have the factor g/V. Then each alone,
-    as far as they differ: a late vane looks much like another scale of theirs. yaw: check of yaw
-    rate.
+    as far as they differ: a late vane looks much like another scale of theirs.
     """
     beta = SensorCheck("beta", ("r", "p", "Ny", "phi"))
     lateral = SensorCheck("Ny", ("beta", "r", "p", "phi", "V"))
@@ -241,7 +239,7 @@ def _sideslip(signals: _Signals, yaw: SensorCheck) -> tuple[SensorCheck, SensorC
         return _unclear(beta, fit, turn), _too_little(lateral), _too_little(speed)
     beta = replace(beta, scale=scale, delay=fit.delay)
     offset = fit.coefficient(3, over=0)
-    lateral = replace(lateral, remarks=_constant(offset, yaw, signals.mean_speed))
+    lateral = replace(lateral, remarks=_constant(offset))
     if lacking := signals.lacks(speed):
         return beta, replace(lateral, unchecked=lacking), replace(speed, unchecked=lacking)
     parts = (turn, roll, smooth(force), smooth(gravity))
@@ -265,30 +263,18 @@ def _bias(offset: Estimate, speed: float) -> Estimate:
     return Estimate(value, low, high)
 
 
-def _constant(offset: Estimate, yaw: SensorCheck, speed: float | None) -> tuple[str, ...]:
-    """Remark on possible causes of a constant in the balance of sideslip beyond tolerance.
+def _constant(offset: Estimate) -> tuple[str, ...]:
+    """Remark on a constant in the balance of sideslip beyond tolerance.
 
-    offset: as a bias of yaw rate [rad/s].   yaw: check of yaw rate; agreement with heading rules
-    yaw rate out.   speed: true airspeed [m/s], None where unknown.
+    offset: as a bias of yaw rate [rad/s].
     """
     if not offset.is_beyond(RATE_TOLERANCE):
         return ()
     value, low, high = np.degrees(offset)
-    causes = [f"a bias of yaw rate of {value:.2f} deg/s ({low:.2f} to {high:.2f})"]
-    if yaw.bias and abs(yaw.bias.value) < 0.5 * abs(offset.value):
-        causes = []
-    if speed is None:
-        causes += ["a bias of lateral acceleration or bank angle (size needs airspeed)"]
-    else:
-        force = _bias(offset, speed)
-        bank = float(np.degrees(np.arcsin(np.clip(force.value, -1.0, 1.0))))
-        causes += [
-            f"a bias of lateral acceleration of {force.value:.3f} g ({force.low:.3f} to "
-            f"{force.high:.3f})",
-            f"a mean bank angle error of {bank:.1f} deg",
-        ]
-    words = ", or ".join(causes)
-    return (f"the balance of sideslip has a constant: {words}; kinematics cannot tell which",)
+    return (
+        f"the balance of sideslip has a constant of {value:.2f} deg/s ({low:.2f} to {high:.2f}): "
+        "check for a bias of yaw rate, lateral acceleration or bank angle",
+    )
 
 
 def _scale(fit: EquationError, k: int, over: int | None = None) -> Estimate | None:

@@ -28,7 +28,7 @@ from core.simulation.published import MODELS
 from core.simulation.python_simulator import OwnCodeError
 from core.simulation.simulator import Flies, Rollouts
 from core.simulation.turbulence import Turbulence
-from core.types import Array, Indices
+from core.types import Indices
 
 Piloted = DatasetRecipe | NonlinearTest
 """Tests with a pilot."""
@@ -183,7 +183,7 @@ def _flown(
             return None
         theta = near_aircraft(simulator.parameters, difference.factor, N_NEAR, rng)
         try:
-            return fly_some(simulator, theta, rng)
+            return fly_each(simulator, theta, rng, FLIGHTS_EACH, MOST_FAILURES, MOST_SAFE)
         except (OwnCodeError, TrimError):
             return None  # such as aircraft that cannot be trimmed
     if difference.pilot is not None:
@@ -227,17 +227,6 @@ def _other_types(
     y, fail_index, theta = (np.concatenate(part) for part in zip(*flights, strict=True))
     type_of = np.repeat(np.arange(len(flights)), [len(each.y) for each in flights])
     return Rollouts(y, fail_index, theta), type_of
-
-
-def fly_some(
-    simulator: Flies, theta: Array, rng: np.random.Generator, most: int = MOST_FAILURES
-) -> tuple[Rollouts, Indices]:
-    """A few flights of each of these aircraft, theta (n_aircraft, n_parameters).
-
-    most: failures of each that are counted.   Returns as `fly_each`.
-    """
-    n_flights = FLIGHTS_EACH * most // MOST_FAILURES
-    return fly_each(simulator, theta, rng, n_flights, most, most * MOST_SAFE // MOST_FAILURES)
 
 
 def by_aircraft(counts: Evaluation) -> dict[str, Any]:

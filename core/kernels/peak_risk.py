@@ -7,10 +7,17 @@ need no search.
 
 import numpy as np
 
-from core.kernels.assessing import SAMPLES_A_TASK, Fitted, map_observation, rule_of, score_point
+from core.kernels.assessing import (
+    SAMPLES_A_TASK,
+    Fitted,
+    map_observation,
+    rule_of,
+    score_all,
+    score_point,
+)
 from core.kernels.compiled import in_chunks, inlined, jit
 from core.kernels.nearest import locate, nearest_at, squared_distance_at
-from core.kernels.p_value import Transduction, p_value_of, simple_p
+from core.kernels.p_value import Transduction, simple_p
 from core.types import Array, Flags, Indices
 
 FLIGHTS_A_TASK = 32
@@ -107,22 +114,6 @@ def lowest_scores(
     return lowest
 
 
-@jit
-def _highest_p_some(fitted, exact, y, n_delay, last, start, stop, highest):
-    z = np.empty(fitted.d)
-    rule, unsafe_at, safe_at = rule_of(fitted), locate(fitted.unsafe), locate(fitted.safe)
-    for i in range(start, stop):
-        near_unsafe, near_safe = -1, -1
-        lowest = np.inf
-        for t in range(last[i] + 1):
-            map_observation(fitted, y[i], t, n_delay, z)
-            s, near_unsafe, near_safe = score_point(
-                rule, unsafe_at, safe_at, z, -1, near_unsafe, near_safe
-            )
-            lowest = min(lowest, s)
-            highest[i] = max(highest[i], p_value_of(fitted, exact, z, s, lowest))
-
-
 def highest_p_values(
     fitted: Fitted, exact: Transduction, y: Array, n_delay: int, last: Indices
 ) -> Array:
@@ -133,11 +124,10 @@ def highest_p_values(
         at_least = len(alphas) - np.searchsorted(alphas, s)
         return np.where(last < 0, 0.0, (at_least + 1) / (len(alphas) + 1))
     highest = np.zeros(len(y))
-    in_chunks(
-        len(y),
-        FLIGHTS_A_TASK,
-        lambda a, b: _highest_p_some(fitted, exact, y, n_delay, last, a, b, highest),
-    )
+    for i in np.flatnonzero(last >= 0):
+        flight = y[i, : last[i] + 1]
+        p = score_all(fitted, exact, flight, np.ones(len(flight), np.bool_), n_delay)[2]
+        highest[i] = p.max()
     return highest
 
 

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, get_args
 
@@ -278,17 +278,7 @@ def rollout_in_words(k: int, n: int, theta: Mapping[str, float]) -> str:
 def simulator(
     **declared: Any,
 ) -> Callable[[Callable[[dict[str, float], Array, Array], npt.ArrayLike]], FunctionSimulator]:
-    """Declare a plain function as a simulator.   declared: fields of `FlightByFlight`.
-
-    TypeError for an unknown field, or without one that is needed.
-    """
-    known = {each.name: each for each in fields(FlightByFlight) if each.init}
-    for name in declared:
-        if name not in known:
-            raise TypeError(f"simulator has no {name!r}: {instead_of(name, known)}")
-    for name, each in known.items():
-        if name not in declared and each.default is each.default_factory is MISSING:
-            raise TypeError(f"simulator has no {name}: give {name}=")
+    """Declare a plain function as a simulator.   declared: fields of `FlightByFlight`."""
     return lambda function: FunctionSimulator(function, **declared)
 
 

@@ -15,13 +15,21 @@ import numpy as np
 from core.evaluation import lead_sweep
 from core.evaluation.lead_sweep import TESTS
 from core.evaluation.rates import clustered_interval, evaluate
-from core.evaluation.robustness import fly_some
+from core.evaluation.robustness import MOST_FAILURES
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.calibration import Guarantee
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
 from core.planned_test.collection import card_of, collect, combination_failures, fresh
-from core.planned_test.near import near_aircraft, near_failures, near_rollouts, retuned, softer
+from core.planned_test.near import (
+    FLIGHTS_EACH,
+    fly_each,
+    near_aircraft,
+    near_failures,
+    near_rollouts,
+    retuned,
+    softer,
+)
 from core.planned_test.planned_test import DatasetRecipe, LateralSimulator
 from core.seeds import Branch, stream
 from core.types import Array
@@ -119,8 +127,10 @@ def study(recipe: NearRecipe, progress: Progress | None = None) -> Iterator[Row]
             planned = replace(TESTS[test].as_trained(), n_unsafe=recipe.n_unsafe, seed=int(seed))
             monitors = _monitors(recipe, planned)
             rng = stream(planned.seed, Branch.ROBUSTNESS)
+            most = recipe.most_failures
             for kind, simulator, theta in _flown(recipe, planned, test, rng):
-                flights, aircraft = fly_some(simulator, theta, rng, recipe.most_failures)
+                flown = FLIGHTS_EACH * most // MOST_FAILURES, most, most // MOST_FAILURES
+                flights, aircraft = fly_each(simulator, theta, rng, *flown)
                 for method, monitor in monitors.items():
                     found = evaluate(
                         monitor, flights.y, flights.fail_index, np.array([recipe.epsilon]), aircraft

@@ -13,7 +13,6 @@ from core.evaluation.robustness import (
     _flown,
     _other_types,
     by_aircraft,
-    fly_some,
     robustness,
 )
 from core.limits.limits import Limits
@@ -25,7 +24,14 @@ from core.planned_test.collection import (
     fresh,
     training_rollouts,
 )
-from core.planned_test.near import near_aircraft, near_failures, near_rollouts, softer
+from core.planned_test.near import (
+    FLIGHTS_EACH,
+    fly_each,
+    near_aircraft,
+    near_failures,
+    near_rollouts,
+    softer,
+)
 from core.planned_test.nonlinear_test import NonlinearTest
 from core.planned_test.planned_test import LateralSimulator, SensorNoise
 from core.seeds import Branch
@@ -112,7 +118,7 @@ def test_near_aircraft_have_each_derivative_within_the_factor() -> None:
     simulator = LateralSimulator(RECIPE)
     rng = np.random.default_rng(2)
     theta = near_aircraft(simulator.parameters, 1.25, 40, rng)
-    flights, aircraft = fly_some(simulator, theta, rng)
+    flights, aircraft = fly_each(simulator, theta, rng, FLIGHTS_EACH, 5, 1)
     factors = flights.theta / simulator.plant.nominal
     assert (np.abs(np.log(factors)) <= np.log(1.25)).all()
     assert np.log(factors).std() == pytest.approx(np.log(1.25) / np.sqrt(3), rel=0.1)
