@@ -44,7 +44,6 @@ KINDS: dict[str, str] = {
     "b747_yaw_damper_bryson": "Boeing 747 yaw damper (Bryson)",
     "state_space": "Your own control law (matrices)",
     "multistep_3211": "3-2-1-1 multistep",
-    "bank_to_bank": "bank to bank",
     "wind_up_turn": "wind-up turn",
     "push_over_pull_up": "push-over pull-up",
     "rolling_pull_out": "rolling pull-out",
@@ -85,39 +84,20 @@ TRIED = METHODS | {THRESHOLD: IN_WORDS}
 CHOICES: dict[str, dict[Hashable, str]] = {
     "calibration": {"trajectory": "as flown", "pointwise": "one sample (paper)"},
     "guarantee": {"average": "on average over monitors", "95%": "of this monitor, 95 % confident"},
-    "imperfections": {"none": "none", "usual": "as usual in flight"},
+    "imperfections": {"usual": "as usual in flight"},
     "scope": {"planned": "as planned", "near": "also near the planned ones"},
     "phase": {"input": "when its input moves a surface", "start": "first sample"},
-    "p_value": {"simple": "simple", "exact": "exact"},
     "scaling": {"safe_std": "standard deviation", "raw": "none (paper)"},
     "n_states": {3: "3: β, p, r", 4: "4: β, p, r, φ"},
-    "distribution": {"normal": "normal", "uniform": "uniform"},
-    "unit": {
-        "fraction": "fraction of the value",
-        "absolute": "the parameter's own",
-    },
-    "axis": {
-        "bank": "bank angle",
-        "sideslip": "sideslip",
-        "pitch": "pitch angle",
-        "alpha": "angle of attack",
-        "heading": "heading",
-    },
-    "surface": {"aileron": "aileron", "rudder": "rudder", "elevator": "elevator"},
+    "unit": {"fraction": "fraction of the value", "absolute": "the parameter's own"},
+    "axis": {"bank": "bank angle", "pitch": "pitch angle", "alpha": "angle of attack"},
     "spacing": {"log": "logarithmic in time", "linear": "linear in time"},
     "interpolation": {"hold": "held", "linear": "joined by straight lines"},
-    "turbulence": {
-        "none": "none",
-        "smooth": "smooth air",
-        "light": "light",
-        "moderate": "moderate",
-        "severe": "severe",
-        "given": "as given",
-    },
+    "turbulence": {"smooth": "smooth air", "given": "as given"},
     "key": {channel.key: f"{channel.label} {channel.symbol}" for channel in CHANNELS},
     "name": {name: model.title for name, model in MODELS.items()},
 }
-"""Labels of the values of parameters, by parameter."""
+"""Labels of the values of parameters, by parameter, where the value is not the field's word."""
 UNIT = re.compile(r"\[([^\[\]]*[A-Za-z/%][^\[\]]*)\]")
 SUFFIXES = {
     "_deg_s": "deg/s",

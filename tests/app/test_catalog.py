@@ -15,7 +15,7 @@ from app.catalog import (
     schema_of,
     unit_of,
 )
-from app.recipes.labels import CHOICES, KINDS
+from app.recipes.labels import KINDS, choice_label
 from core.bounds import bounds_of
 from core.limits.limits import Limits
 from core.planned_test.collection import DatasetRecipe
@@ -168,7 +168,8 @@ def test_every_parameter_is_called_by_the_fields_words_and_not_by_its_identifier
 def test_every_choice_is_called_by_the_fields_words(name):
     for path, key, entry in _parameters(SCHEMAS[name], name):
         if "enum" in entry and key != "model":  # the names of JSBSim
-            assert entry["x-labels"] == [CHOICES[key][choice] for choice in entry["enum"]], path
+            assert entry["x-labels"] == [choice_label(key, choice) for choice in entry["enum"]]
+            assert all(" " in label or "_" not in label for label in entry["x-labels"]), path
 
 
 def test_no_member_is_called_by_a_key_that_is_no_words():
