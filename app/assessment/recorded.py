@@ -386,7 +386,6 @@ def _recording(
             if key in known
         },
         condition={key: _between(rows.t, known[key]) for key in CONDITION if key in known},
-        columns={key: trace.source for key, trace in known.items()},
         derived=frozenset(key for key, trace in known.items() if trace.derived),
         notes=notes,
         look_ahead=look_ahead,

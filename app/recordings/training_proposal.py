@@ -79,14 +79,13 @@ class Input:
     """The largest control input of a recording.
 
     start, end: [s].   deviation: (n,) of its main surface from trim [rad], from the first movement
-    to AFTER_S after the last.   other: largest deviation of the other surface [rad].
+    to AFTER_S after the last.
     """
 
     surface: Surface
     start: float
     end: float
     deviation: Array
-    other: float
 
     @property
     def peak_deg(self) -> float:
@@ -196,11 +195,10 @@ def _input(
     moved = np.flatnonzero((np.abs(deviation) > BEGINNING * SHARE * sizes).any(axis=1))
     last = int(moved[-1]) if len(moved) else 0
     deviation = deviation[: last + 1 + round(AFTER_S / dt)]
-    largest = np.abs(deviation).max(axis=0)
-    main = int(largest.argmax())
+    main = int(np.abs(deviation).max(axis=0).argmax())
     surface: Surface = "rudder" if SURFACE_NAMES[main] == "rudder" else "aileron"
     start, end = float(t[onset]), float(t[onset + last])
-    return Input(surface, start, end, deviation[:, main], float(largest[1 - main]))
+    return Input(surface, start, end, deviation[:, main])
 
 
 def _maneuver(recorded: Input, dt: float) -> tuple[dict[str, Any] | None, str]:

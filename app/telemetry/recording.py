@@ -19,7 +19,6 @@ class Recording:
     y: (n, 6) in the order of core.channels.CHANNELS [rad, rad/s, rad/s, g, rad, rad].
     attitude: "phi", "theta", "psi" -> (n,) [rad], if recorded.
     condition: "V" [m/s], "h" [m] -> (n,), if recorded.
-    columns: channel key -> its source in words.
     derived: keys of channels that were derived, not measured.
     notes: sentences on assumptions and repairs, oldest first.
     look_ahead: how long a sample waits for later ones in flight [s].
@@ -29,7 +28,6 @@ class Recording:
     y: Array
     attitude: dict[str, Array] = field(default_factory=dict)
     condition: dict[str, Array] = field(default_factory=dict)
-    columns: dict[str, str] = field(default_factory=dict)
     derived: frozenset[str] = frozenset()
     notes: tuple[str, ...] = ()
     look_ahead: float = 0.0
