@@ -34,7 +34,7 @@ const words = (key) => key.replaceAll("_", " ").toUpperCase();
 function levelOf(word) {
   if (["EXCEEDING", "ALERT"].includes(word)) return "warning";
   if (["STALE", "INVALID", "NOT APPLICABLE", "LIMITS UNKNOWN", "NO DATA"].includes(word)) return "caution";
-  return ["OK", "NO FORECAST", "NONE PREDICTED"].includes(word) ? "none" : "advisory";
+  return word === "OK" ? "none" : "advisory";
 }
 
 const inWord = (value) => ({ value, level: levelOf(value) });
@@ -60,20 +60,10 @@ function stateOf(flight, frame) {
   return frame.alert ? "ALERT" : flight.validity === "checked" ? "OK" : "NOT CALIBRATED";
 }
 
-/** By the newest forecast of the rest of a test card; nothing where the sample has none. */
-function timeLeft({ noRest }, { t, state, cause, ahead }) {
-  if (noRest) return inWord("NO FORECAST");
-  if (state !== "ok") return unassessed({ state, cause });
-  if (!ahead) return undefined;
-  const times = Object.values(ahead.channels).flatMap(({ predicted }) => predicted ?? []);
-  if (times.length > 0) return { value: Math.max(0, Math.min(...times) - t), level: "advisory" };
-  return inWord(ahead.peak?.mean >= 1 ? "PREDICTED" : ahead.why ? "NOT KNOWN" : "NONE PREDICTED");
-}
-
 /**
  * The telemetry points of a flight.
  *
- * of(frame) -> {value, level, side}, or nothing     limits() -> [low, high] now, in the unit shown
+ * of(frame) -> {value, level, side}     limits() -> [low, high] now, in the unit shown
  * states: of an enumeration.   live: without history.   timed: by the server's clock, also while samples are late
  */
 export function pointsOf(flight) {
@@ -93,7 +83,6 @@ export function pointsOf(flight) {
     { key: "state", name: "State", states: STATES, of: state },
     { key: "headline", name: "Headline", states: HEADLINES, live: true, timed: true },
     { key: "alarms", name: "Alarms", isText: true },
-    { key: "time-left", name: "Time left to a predicted exceedance", unit: "s", decimals: 1, live: true, of: (frame) => timeLeft(flight, frame) },
     ...(flight.mode === "live" ? [{ key: "age", name: "Age of the newest sample", unit: "s", decimals: 1, live: true, timed: true }] : []),
     ...flight.channels.map(channelOf),
   ];
@@ -112,7 +101,7 @@ function dataOf(flight, point, frames, before = undefined) {
   const data = [];
   for (const frame of frames) {
     const datum = point.of(frame);
-    if (datum === undefined || (typeof datum.value === "string" && datum.value === before)) continue;
+    if (typeof datum.value === "string" && datum.value === before) continue;
     data.push({ utc: utcAt(flight, frame.t), t: frame.t, ...datum });
     before = datum.value;
   }
@@ -182,7 +171,7 @@ function createServer({ url, token }) {
     const channels = dictionary?.channels ?? (await get("/catalog")).channels;
     const { limits: own, validity } = monitors[0];
     const name = `${created.slice(0, 16).replace("T", " ")} ${status.name}`;
-    const flight = { id, name, mode, head, created: Date.parse(created), channels, own, held: held ?? [], validity, alertAbove: alertLevel(status), noRest: "", zero: NaN, isOver: !RUNNING.includes(status.progress) };
+    const flight = { id, name, mode, head, created: Date.parse(created), channels, own, held: held ?? [], validity, alertAbove: alertLevel(status), zero: NaN, isOver: !RUNNING.includes(status.progress) };
     if (live?.time_zero) flight.zero = Date.parse(live.time_zero);
     else if (head >= 0) flight.zero = flight.created - 1000 * (await frames(id, 0, 0))[0].t;
     return Object.assign(flight, { points: pointsOf(flight) });
@@ -331,7 +320,7 @@ function createLink(id, server, { url, token }, closed) {
   /** Other limits or another monitor: from the next sample on. */
   async function update() {
     const fresh = await server.flight(id, 0).catch(lost);
-    if (fresh) flight = Object.assign(fresh, { noRest: flight.noRest, zero: flight.zero });
+    if (fresh) flight = Object.assign(fresh, { zero: flight.zero });
     emit("limits", flight);
   }
 
@@ -341,7 +330,6 @@ function createLink(id, server, { url, token }, closed) {
       late = message.stale_after;
       states.sample = message.state;
       setZero(message.live);
-      flight.noRest = message.no_rest;
       emit("limits", flight);
       if (message.head < seen) seen = null;
       socket.send(JSON.stringify({ type: "resume", seq: seen ?? Math.max(-1, message.head - OVERLAP) }));

@@ -1,5 +1,5 @@
 /**
- * Mouse, touch, keyboard and buttons of the strips: wheel zooms, drag pans, two fingers do both, a click pins the cursor.
+ * Mouse, touch, keyboard and buttons of the strips: wheel zooms, drag pans, a click pins the cursor.
  *
  * attachControls(host, {rows, bar, keys}, timeline, chart) -> {setMarking(flag)}     fills tool bar and list of keys
  *     setMarking: whether a drag sets the cursors A and B in place of moving the window
@@ -15,7 +15,7 @@ const CLICK = 4; // px that the pointer may move during a click
 const APART = 400; // ms between turns of the wheel that are undone one by one
 
 export function attachControls(host, { rows: plots, bar, keys: help }, timeline, chart) {
-  const pointers = new Map();
+  let held = null; // {id, x} of the pointer that drags
   let travelled = 0;
   let begun = NaN; // where a drag began [s]
   let marking = false;
@@ -32,7 +32,7 @@ export function attachControls(host, { rows: plots, bar, keys: help }, timeline,
   plots.addEventListener("pointerdown", (event) => {
     const fraction = place(event);
     if (event.button !== 0 || fraction < 0 || fraction > 1) return;
-    pointers.set(event.pointerId, event.clientX);
+    held = { id: event.pointerId, x: event.clientX };
     travelled = 0;
     begun = timeAt(fraction);
     timeline.keepPlace();
@@ -44,14 +44,13 @@ export function attachControls(host, { rows: plots, bar, keys: help }, timeline,
     const fraction = place(event);
     const inside = fraction >= 0 && fraction <= 1;
     if (event.pointerType === "mouse") timeline.setHover(inside ? fraction : null);
-    if (!pointers.has(event.pointerId)) return;
-    const before = pointers.get(event.pointerId);
-    travelled += Math.abs(event.clientX - before);
-    if (travelled > CLICK) drag(event, before);
-    pointers.set(event.pointerId, event.clientX);
+    if (event.pointerId !== held?.id) return;
+    travelled += Math.abs(event.clientX - held.x);
+    if (travelled > CLICK) drag(event);
+    held.x = event.clientX;
   });
 
-  function drag(event, before) {
+  function drag(event) {
     if (marking) {
       const t = timeAt(place(event));
       timeline.setMark("a", Math.min(begun, t));
@@ -59,25 +58,16 @@ export function attachControls(host, { rows: plots, bar, keys: help }, timeline,
       return;
     }
     const seen = chart.view();
-    const perPx = (seen.end - seen.start) / chart.plotWidth() / unit();
-    const others = [...pointers].filter(([id]) => id !== event.pointerId);
-    if (others.length === 0) {
-      timeline.pan((before - event.clientX) * perPx, chart.wall());
-      return;
-    }
-    const anchor = others[0][1];
-    const [was, is] = [Math.abs(before - anchor), Math.abs(event.clientX - anchor)];
-    if (was < 8 || is < 8) return;
-    timeline.hold(chart.wall());
-    timeline.zoom(was / is, timeAt(place({ clientX: anchor })), chart.wall());
+    timeline.pan(((held.x - event.clientX) * (seen.end - seen.start)) / chart.plotWidth() / unit(), chart.wall());
   }
 
   for (const kind of ["pointerup", "pointercancel"]) {
     plots.addEventListener(kind, (event) => {
-      const held = pointers.delete(event.pointerId);
+      if (event.pointerId !== held?.id) return;
+      held = null;
       const fraction = place(event);
-      const click = kind === "pointerup" && held && !marking && travelled <= CLICK;
-      if (click && fraction >= 0 && fraction <= 1) timeline.setCursor(timeAt(fraction));
+      const isClick = kind === "pointerup" && !marking && travelled <= CLICK;
+      if (isClick && fraction >= 0 && fraction <= 1) timeline.setCursor(timeAt(fraction));
     });
   }
   plots.addEventListener("pointerleave", () => timeline.setHover(null));

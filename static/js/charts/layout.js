@@ -17,6 +17,7 @@
  * unit() -> px of the page: a sixteenth of a rem, so that canvases grow with the text beside them
  */
 
+import { channelName } from "../lib/catalog.js";
 import { button, h } from "../lib/dom.js";
 import { shownIn } from "../lib/numbers.js";
 import { createArrangement } from "./arranging/arrangement.js";
@@ -34,13 +35,9 @@ export function stripArrangement(address, strips) {
   const usual = strips.map(({ key, fold }) => ({ key, as: fold === null || fold.isOpen ? "shown" : "number" }));
   const parts = strips.map((strip) => {
     const { factor, unit } = shownIn(strip);
-    return { key: strip.key, label: nameOf(strip), ways: WAYS, factor: strip.risk ? null : factor, unit };
+    return { key: strip.key, label: channelName(strip), ways: WAYS, factor: strip.risk ? null : factor, unit };
   });
   return createArrangement(address, "strips", usual, parts);
-}
-
-function nameOf({ symbol, label }) {
-  return [symbol, label !== symbol && label].filter(Boolean).join("  ");
 }
 
 export function layOut(host, strips, label, arrangement) {

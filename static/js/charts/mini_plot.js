@@ -1,8 +1,8 @@
 /**
  * A channel at a glance: least and greatest values over the whole recording, in a few hundred pixels.
  *
- * createMiniPlot(name, channel null) -> {element, show(tiles | null)}     channel: of the catalog; null: in the unit of the tiles
- *     tiles: {t, low, high, unit, min, max}; null in low and high where nothing was recorded
+ * createMiniPlot(name, channel) -> {element, show(tiles | null)}     channel: of the catalog
+ *     tiles: {t, low, high, min, max}; null in low and high where nothing was recorded
  */
 
 import { h, svg } from "../lib/dom.js";
@@ -10,7 +10,7 @@ import { followUnits, magnitude, shownIn } from "../lib/numbers.js";
 
 const [WIDTH, HEIGHT, PAD] = [240, 44, 4];
 
-export function createMiniPlot(name, channel = null) {
+export function createMiniPlot(name, channel) {
   const zero = svg("path.mini-zero");
   const line = svg("path.mini-line");
   const box = { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, preserveAspectRatio: "none", "aria-hidden": true };
@@ -40,8 +40,7 @@ export function createMiniPlot(name, channel = null) {
       words.textContent = tiles === null ? "" : "no values";
       return;
     }
-    const shown = channel ?? { unit: tiles.unit };
-    words.textContent = `${magnitude(shown, tiles.min, 3)} to ${magnitude(shown, tiles.max, 3)} ${shownIn(shown).unit}`;
+    words.textContent = `${magnitude(channel, tiles.min, 3)} to ${magnitude(channel, tiles.max, 3)} ${shownIn(channel).unit}`;
     element.setAttribute("aria-label", `${name}, ${words.textContent}`);
   }
 

@@ -27,13 +27,13 @@
  */
 
 import { createAddress } from "../lib/address.js";
+import { channelName } from "../lib/catalog.js";
 import { dayClock, formatTime, intervalText } from "../lib/clock.js";
 import { button, h } from "../lib/dom.js";
 import { addDrawer } from "../lib/draw_loop.js";
 import { moment, shownIn } from "../lib/numbers.js";
 import { createLayoutEditor } from "./arranging/layout_editor.js";
 import { presetsOf } from "./arranging/layouts.js";
-import { createViewMenu } from "./arranging/view_menu.js";
 import { createCrossPanel, usualPairs } from "./cross/cross_panel.js";
 import { attachControls } from "./input.js";
 import { createSheet } from "./layout.js";
@@ -233,10 +233,24 @@ export function createStripChart(host, options) {
   };
 }
 
+/** What changes the view, in a menu that opens over the chart. */
+function createViewMenu(items) {
+  const menu = h("details.view-menu", h("summary", { class: "button button-small", "aria-label": "View: layout, time, files" }, "View"), h("div.view-items", items));
+  menu.addEventListener("focusout", ({ relatedTarget }) => {
+    if (relatedTarget !== null && !menu.contains(relatedTarget)) menu.open = false;
+  });
+  menu.addEventListener("keydown", (event) => {
+    if (event.key !== "Escape") return;
+    event.stopPropagation();
+    menu.open = false;
+    menu.firstChild.focus();
+  });
+  return menu;
+}
+
 function nameOf(strip) {
-  const { symbol, label } = strip;
   const { unit } = shownIn(strip);
-  return [symbol, label !== symbol && label, unit && `[${unit}]`].filter(Boolean).join("  ");
+  return unit ? `${channelName(strip)} [${unit}]` : channelName(strip);
 }
 
 /** Round times about 90 px apart. */

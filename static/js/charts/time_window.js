@@ -5,7 +5,7 @@
  *     width: until the window is held or zoomed.   start, end: it stays between them
  *     follow(width, wall) -> {start, end, now}: where it is while it is not held; else from `start` on
  *   view(wall) -> {start, end, now, live}     live: not held
- *   setWindow(start, end), pan(seconds, wall), hold(wall)     hold the window there
+ *   setWindow(start, end), pan(seconds, wall)     hold the window there
  *   zoom(factor, t, wall)       t keeps its place; a window that follows goes on doing so
  *   goLive()                    stop holding, at the first width
  *   setWidth(seconds)           of a window that is not held
@@ -37,7 +37,6 @@ export function createTimeWindow(options) {
     setWindow,
     zoom,
     pan: (by, wall) => setWindow(view(wall).start + by, view(wall).end + by),
-    hold: (wall) => setWindow(view(wall).start, view(wall).end),
     goLive: () => place(null, usual),
     setWidth: (wanted) => place(null, clamped(wanted)),
     keepPlace: () => {

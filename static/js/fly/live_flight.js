@@ -61,7 +61,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   const following = createFollowing(panels.transport, { lead: () => steer("lead") });
   const markers = createFlightMarkers(
     { buttons: panels.calls, events: panels.events, last: panels.marker, refused: panels.refused, entry: panels.entry },
-    { set: (marker) => api.post(`${path}/markers`, marker), now: () => display?.t ?? null, heard: ({ kind }) => sound.caution(kind), unheard: () => sound.caution() },
+    { set: (marker) => api.post(`${path}/markers`, marker), now: () => timeNow(), heard: ({ kind }) => sound.caution(kind), unheard: () => sound.caution() },
   );
   const limits = createFlightLimits(panels.limits, { api, path });
   const card = createTestCard(panels.card);
@@ -90,6 +90,8 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   let alarmed = -Infinity; // time of the newest alarm of a live source, which may come before its sample [s]
   let cautioned = false; // about stale samples, which only this page knows
 
+  const timeNow = () => display?.newest?.t ?? null;
+  const seqNow = () => display.newest?.seq ?? -1;
   const backfill = createBackfill({ api, path, insert: (frames, complete) => display.chart.insert(frames, complete) });
   element.dataset.flight = "connecting";
   panels.strips.append(stateOf("loading", "Connecting to the flight", "The strips begin with its first sample."));
@@ -125,7 +127,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
         display.timeline.setAge((wall) => connection.figures(wall).age);
       }
     }
-    if (hello.head < display.seq) forgetFrom(hello.head);
+    if (hello.head < seqNow()) forgetFrom(hello.head);
     describe();
     showLimits(hello.limits);
     onTransport(hello.transport);
@@ -140,7 +142,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     if (!again) return;
     const when = `${hello.server_time.slice(11, 19)} UTC`;
     const restarts = hello.live?.resumed ?? 0;
-    if (restarts > resumed) events.add({ t: display.t, text: `server restarted, reconnected ${when}; the flight continues, and its source must too`, level: "caution" });
+    if (restarts > resumed) events.add({ t: timeNow(), text: `server restarted, reconnected ${when}; the flight continues, and its source must too`, level: "caution" });
     else events.add({ t: null, text: `reconnected ${when}` });
     resumed = restarts;
     scene.wake();
@@ -158,7 +160,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
 
   /** Samples that the killed server had not stored are gone: the source must send them again. */
   function forgetFrom(head) {
-    const n = display.seq - head;
+    const n = seqNow() - head;
     events.add({ t: null, text: `${counted(n, "sample")} shown, not stored when the server was killed: the source must send again`, level: "caution" });
     backfill.clear();
     display.forget();
@@ -266,7 +268,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     if ((problem === "") === isStored) return;
     isStored = problem === "";
     const text = isStored ? `recording resumed; samples lost: ${lost}` : `not recorded: ${problem}`;
-    events.add({ t: display?.t ?? null, text, level: "caution" });
+    events.add({ t: timeNow(), text, level: "caution" });
   }
 
   function showSource() {
@@ -311,7 +313,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   /** Why this screen is not where the replay is. */
   function behind(wall) {
     if (connection.link !== "open") return "no connection";
-    const { t, timeline } = display;
+    const [t, { timeline }] = [timeNow(), display];
     const at = playback.playing ? t : playback.position;
     const { start, end } = timeline.view(wall);
     if (t === null) return "no sample yet";
@@ -338,7 +340,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     if (link === "lost") display?.lose();
     showHidden();
     if (link !== "lost" || display === null) return;
-    events.add({ t: display.t, text: connection.loggedOut ? "the login has expired" : "connection to the server lost", level: "caution" });
+    events.add({ t: timeNow(), text: connection.loggedOut ? "the login has expired" : "connection to the server lost", level: "caution" });
   }
 
   function showNotes() {
@@ -415,7 +417,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
       recorded: recorded !== null,
       headline,
       cause: display?.withdrawal,
-      staleAfter: display?.staleAfter ?? Infinity,
+      staleAfter: display?.timeline.staleAfter ?? Infinity,
       figures: { ...figures, skipped: backfill.skipped },
     });
   }
@@ -437,9 +439,9 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
       mode: hello.mode,
       name: [hello.name, described.monitor[0]].join(" · "),
       utc,
-      t: timeOf(display.t),
+      t: timeOf(timeNow()),
       channels: hello.channels,
-      y: isStale(headline) ? null : display.y,
+      y: isStale(headline) ? null : (display.newest?.y ?? null),
       sensor: display.newest?.sensor,
       latched: decided.latched ?? [],
       ...without,

@@ -1,8 +1,7 @@
 /**
- * What the browser remembers: choices, where it allows that, else until the page closes; the theme; drafts of text.
+ * What the browser remembers: choices, where it allows that, else until the page closes; the theme.
  *
  * followTheme(show)    sets the theme and calls show(theme) now and at each change: the machine's until the user chooses
- * keepDraft(input, key) -> clear()     text that was not sent survives a redraw of its view;  key: of the subject
  */
 
 export function remembered(key) {
@@ -19,17 +18,6 @@ export function remember(key, value) {
   } catch {
     // forbidden
   }
-}
-
-const drafts = new Map();
-
-export function keepDraft(input, key) {
-  input.value = drafts.get(key) ?? "";
-  input.addEventListener("input", () => drafts.set(key, input.value));
-  return () => {
-    drafts.delete(key);
-    input.value = "";
-  };
 }
 
 const THEME_KEY = "forewarn.theme";

@@ -1,7 +1,6 @@
 /** An uploaded file: its facts, what reading it left out, its signals. */
 
-import { createMiniPlot } from "../charts/mini_plot.js";
-import { button, chip, errorLine, factList, h, sentences, table } from "../lib/dom.js";
+import { chip, factList, h, sentences, table } from "../lib/dom.js";
 import { bytesText, count, counted, durationText, figure, moment, percent, timeZero } from "../lib/numbers.js";
 import { nameParts } from "./mapping/signal_select.js";
 
@@ -64,7 +63,7 @@ export function badRowsTable(rows) {
   return h("div.bad-rows-table", table({ columns, items: rows, panel: false }));
 }
 
-export function createSignalList({ api, recording }) {
+export function createSignalList(recording) {
   const { signals, groups } = recording.contents;
   const filter = h("input", { type: "search", "aria-label": "find a signal", placeholder: "find a signal", oninput: list });
   const shown = h("div");
@@ -78,7 +77,6 @@ export function createSignalList({ api, recording }) {
     ["Minimum", valueOf("min"), "number"],
     ["Maximum", valueOf("max"), "number"],
     ["Mean", valueOf("mean"), "number"],
-    ["Plot", plotOf],
   ];
   list();
   const title = `all ${signals.length} signals in the file`;
@@ -86,8 +84,7 @@ export function createSignalList({ api, recording }) {
 
   function list() {
     const wanted = filter.value.trim().toLowerCase();
-    const numbered = signals.map((signal, number) => ({ ...signal, number }));
-    const fits = numbered.filter(({ name, description }) => `${name} ${description}`.toLowerCase().includes(wanted));
+    const fits = signals.filter(({ name, description }) => `${name} ${description}`.toLowerCase().includes(wanted));
     shown.replaceChildren(table({ columns, items: fits.slice(0, SHOWN), panel: false }));
     const isLong = fits.length > SHOWN;
     more.textContent = isLong ? `First ${SHOWN} of ${fits.length}. Type part of a name to find others.` : "";
@@ -97,21 +94,5 @@ export function createSignalList({ api, recording }) {
     const [label, groupName] = nameParts(name, groups.length > 1 ? groups[group].name : "");
     const words = [groupName, description].filter(Boolean).map((text) => ` ${text}`);
     return [label, h("span.hint", words.join(","))];
-  }
-
-  function plotOf({ name, number, min, max }) {
-    const show = button("Show", draw, { class: "button button-small", "aria-label": `Show ${name}` });
-    const place = h("div", show);
-    return place;
-
-    async function draw() {
-      const failure = errorLine();
-      const plot = createMiniPlot(name);
-      const isShown = await failure.attempt(async () => {
-        const { low, high, unit, rows } = await api.get(`/recordings/${recording.id}/signals/${number}/preview`);
-        plot.show({ t: low.map((_, k) => k * rows), low, high, unit, min, max });
-      });
-      place.replaceChildren(isShown ? plot.element : failure.element);
-    }
   }
 }

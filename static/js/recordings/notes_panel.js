@@ -9,7 +9,6 @@ import { textInput } from "../forms/controls.js";
 import { needs } from "../lib/api.js";
 import { secondsText } from "../lib/clock.js";
 import { button, errorLine, h, put } from "../lib/dom.js";
-import { keepDraft } from "../lib/storage.js";
 
 const LONGEST = 2000;
 const NONE = "No notes yet. Notes are stored with the recording and printed in its report.";
@@ -28,7 +27,6 @@ export function createNotesPanel({ api, recording, place, go, changed }) {
   let editing = null;
   const list = h("ul.note-list");
   const text = noteInput({ placeholder: "what happened here?" });
-  const clear = keepDraft(text, path);
   const where = h("span.hint");
   const add = submit("Add note");
   const flag = small("Set marker", quick, { title: "Marker without text (key M on the strips)" });
@@ -61,7 +59,7 @@ export function createNotesPanel({ api, recording, place, go, changed }) {
     event.preventDefault();
     const words = text.value.trim();
     if (!words) text.focus();
-    else if (await create({ ...place(), text: words, kind: "note" })) clear();
+    else if (await create({ ...place(), text: words, kind: "note" })) text.value = "";
   }
 
   function quick() {

@@ -69,7 +69,7 @@ export function showRecording(element, { id, query, api, navigate }) {
       mapping.element,
       quality.element,
       form?.element ?? state("empty", "Score", "Confirm the mapping first."),
-      createSignalList({ api, recording }),
+      createSignalList(recording),
     );
 
     function confirmed() {

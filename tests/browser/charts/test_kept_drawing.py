@@ -62,7 +62,7 @@ def test_a_picture_drawn_bit_by_bit_is_the_one_drawn_at_once(
         "h.timeline.setHover(0.5); found.push(unlike(43020));"
         "h.timeline.setHover(null); fly(43, 45); h.chart.flag({ key: 'p', t: 44, word: 'MARK' });"
         "found.push(unlike(fly(45, 47)));"
-        "h.timeline.hold(47020); h.timeline.pan(-1, 47020); fly(47, 47.5);"
+        "h.timeline.pan(-1, 47020); fly(47, 47.5);"
         "h.timeline.pan(0.7, 47520); found.push(unlike(fly(47.5, 48)));"
         "h.timeline.goLive(); found.push(unlike(fly(48, 49)));"
         "found.push(unlike(52000)); return found;",

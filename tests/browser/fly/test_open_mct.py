@@ -360,27 +360,6 @@ def test_the_end_of_a_limit_counts_and_unknown_limits_have_none(stub: Page) -> N
         assert stub.evaluate(points, [t, value]) == shown
 
 
-def test_the_time_left_is_that_of_the_first_predicted_exceedance(stub: Page) -> None:
-    left = """([frame, noRest]) => {
-        const flight = { channels: [], held: [], mode: "simulated", noRest };
-        const point = mct.plugin.pointsOf(flight).find(({ key }) => key === "time-left");
-        return point.of({ t: 1, state: "ok", cause: null, ...frame })?.value ?? null;
-    }"""
-    none = {"predicted": None}
-    both = {"Ny": {"predicted": 2.5}, "p": {"predicted": 1.5}, "r": none}
-    for frame, value in (
-        ({"ahead": {"channels": both}}, 0.5),
-        ({"ahead": {"channels": {"Ny": none}}}, "NONE PREDICTED"),
-        ({"ahead": {"channels": {}, "why": "the input has not begun"}}, "NOT KNOWN"),
-        ({"ahead": {"channels": {}, "peak": {"mean": 1.1}}}, "PREDICTED"),
-        ({"ahead": {"channels": both}, "state": "invalid"}, "INVALID"),
-        ({"state": "invalid", "cause": "not_applicable"}, "NOT APPLICABLE"),
-        ({}, None),
-    ):
-        assert stub.evaluate(left, [frame, ""]) == value
-    assert stub.evaluate(left, [{}, "this method forecasts none"]) == "NO FORECAST"
-
-
 @pytest.fixture(scope="module")
 def with_open_mct(range_: Range) -> Range:
     """The range's page with Open MCT from the npm registry."""

@@ -13,7 +13,7 @@
  *   refresh(wall) -> Headline      draws the gauge; returns the headline for every view, stale where samples stopped
  *   withdrawal, cause, reason  cause of the newest invalid sample; why it is stale, empty without a reason; why there is no
  *                              assessment now, without the word of its state
- *   seq, t, y                  of the newest sample; -1 and null for none.   newest    its frame
+ *   newest                     the newest frame; null for none
  */
 
 import { createFlightChart } from "../../charts/live/flight_chart.js";
@@ -181,23 +181,11 @@ export function createAssessmentDisplay(panels, { hello, api, path, alarm, event
     get withdrawal() {
       return lastCause();
     },
-    get staleAfter() {
-      return timeline.staleAfter;
-    },
     get cause() {
       return assessment.state === "stale" ? assessment.reason : "";
     },
     get reason() {
       return assessment.state === "ok" ? "" : reasonOf(assessment);
-    },
-    get seq() {
-      return newest?.seq ?? -1;
-    },
-    get t() {
-      return newest?.t ?? null;
-    },
-    get y() {
-      return newest?.y ?? null;
     },
     get newest() {
       return newest;

@@ -8,10 +8,9 @@
  *     write(): opens the field for a note at this moment.   moved(t): events up to t are listed
  */
 
-import { may, needs, reason } from "../../lib/api.js";
+import { may, needs } from "../../lib/api.js";
 import { secondsText } from "../../lib/clock.js";
 import { button, errorLine, h, put } from "../../lib/dom.js";
-import { keepDraft } from "../../lib/storage.js";
 import { readScoring } from "../../recordings/scoring/source.js";
 
 const NOTE = "POST /recordings/{}/markers";
@@ -25,7 +24,6 @@ export function createReplayNotes({ api, source, now, add: addEvent, marked, fai
   let closed = false;
   const when = h("span.dim");
   const text = h("input", { type: "text", maxlength: 2000, "aria-label": "Note", placeholder: "Note", required: true });
-  const clear = keepDraft(text, path);
   const failure = errorLine();
   const small = { class: "button button-small" };
   const form = h(
@@ -86,13 +84,10 @@ export function createReplayNotes({ api, source, now, add: addEvent, marked, fai
 
   async function save(submitted) {
     submitted.preventDefault();
-    try {
-      showMarker(await api.post(`${path}/markers`, { t: at, text: text.value, kind: "note" }));
-      clear();
-      form.hidden = true;
-    } catch (error) {
-      failure.show(reason(error));
-    }
+    const isSaved = await failure.attempt(async () => showMarker(await api.post(`${path}/markers`, { t: at, text: text.value, kind: "note" })));
+    if (!isSaved) return;
+    text.value = "";
+    form.hidden = true;
   }
 
   return {
