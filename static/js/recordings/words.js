@@ -1,7 +1,7 @@
 /** Words, levels and signs for recordings and scorings. */
 
 import { secondsText } from "../lib/clock.js";
-import { chip, formatted, h } from "../lib/dom.js";
+import { chip, formatted, guideLink, h, panel } from "../lib/dom.js";
 import { figure, leadSeconds, quantity, riskText } from "../lib/numbers.js";
 import { STATE_WORDS } from "../lib/states.js";
 import { TRIM_SEGMENT } from "./scoring/source.js";
@@ -69,7 +69,28 @@ export function peakText({ outcome, peak_risk: risk, peak_t: t, alert_above: own
   return `${riskText(risk, own ?? alertAbove)}${isTimed && t !== null ? ` at ${secondsText(t)}` : ""}`;
 }
 
-export function alertRule({ epsilon, alert_above: above, request }) {
+/** Outcomes and rule of a scoring in one line.   who: facts of its monitor;   more: chips */
+export function scoredSummary(scoring, who, more = null) {
+  const counts = [...Map.groupBy(scoring.manoeuvres, ({ verdict }) => verdict.word).values()];
+  return h(
+    "div.row.scored-summary",
+    counts.map(({ length: n, 0: first }) => outcomeChip(first, n)),
+    outsideChip(scoring),
+    more,
+    who,
+    h("span", formatted(alertRule(scoring))),
+    h("span", h("span.dim", "warning lead time "), `${figure(scoring.lead)} s`),
+    h("span", h("span.dim", "channels are "), formatted(trimText(scoring))),
+  );
+}
+
+export function verdictPanel(scoring, verdicts, none) {
+  const title = ["Outcome of each manoeuvre ", guideLink("what-the-numbers-mean#after-the-flight", "outcomes after the flight")];
+  const beside = h("span.dim", formatted(`values are ${trimText(scoring)}`));
+  return panel(title, scoring.manoeuvres.length ? verdicts.element : none, { beside, "aria-label": "Verdicts" });
+}
+
+function alertRule({ epsilon, alert_above: above, request }) {
   if (request?.monitor_set) return "each monitor alerts at its own ε";
   if (Math.abs(above - epsilon) < 1e-9) return `alerts at risk above ε = ${figure(epsilon)}`;
   return `alerts at risk above ${figure(above)}, which keeps ε = ${figure(epsilon)} with 95 % confidence`;
@@ -82,7 +103,7 @@ export function requestWords({ trim, manoeuvres }) {
   return `${way}, ${trim === null ? "no trim subtracted" : `trim of ${trim} s`}`;
 }
 
-export function trimText({ request: { trim }, channels }) {
+function trimText({ request: { trim }, channels }) {
   if (trim === null) return "as recorded, no trim subtracted";
   const absolute = channels.filter(({ reference }) => reference === "absolute").map(({ symbol }) => symbol);
   if (absolute.length === 0) return "deviations from trim";

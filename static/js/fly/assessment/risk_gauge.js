@@ -50,7 +50,7 @@ export function createRiskGauge(element, timeline = null) {
   const shape = svg("path.gauge-shape", { transform: "translate(170 89) scale(1.7)" });
   const word = svg("text.gauge-word", { x: CENTRE.x, y: 160 });
   const track = svg("path.gauge-track", { d: arc(0, 1) });
-  const dial = svg("svg.gauge-dial", { viewBox: `${-MARGIN} 0 ${340 + 2 * MARGIN} 234` },
+  const dial = svg("svg.gauge-dial", { viewBox: `${-MARGIN} 0 ${340 + 2 * MARGIN} 234`, role: "img" },
     hatches(id), track, unassessed, beyond, bar, needle, threshold, thresholdText, ticks, number, svg("g.gauge-face", shape, word));
   const level = h("p.gauge-level"); // on the wall, in place of the label on the arc
   const reason = h("p.gauge-reason");
@@ -81,7 +81,8 @@ export function createRiskGauge(element, timeline = null) {
       const tip = polar(at, RADIUS - 13);
       needle.setAttribute("transform", `translate(${tip.x} ${tip.y}) rotate(${angle(at) - 90})`);
     }
-    describe(assessed, digits, alertAbove, why || STATE_WORDS[key]);
+    const above = Number.isFinite(alertAbove) ? `, alerts above ${figure(alertAbove)}` : "";
+    dial.setAttribute("aria-label", assessed ? `risk ${digits}, higher is worse${above}` : `risk not assessed: ${why || STATE_WORDS[key]}`);
   }
 
   /** "ok" where there is a risk, else the state in its place. */
@@ -121,22 +122,6 @@ export function createRiskGauge(element, timeline = null) {
     const room = MARGIN + Math.min(text.x, 340 - text.x);
     thresholdText.style.fontSize = `${Math.min(18, room / (0.58 * thresholdText.textContent.length))}px`;
     beyond.setAttribute("d", arc(at, 1));
-  }
-
-  function describe(assessed, digits, alertAbove, why) {
-    const above = Number.isFinite(alertAbove) ? `, alerts above ${figure(alertAbove)}` : "";
-    dial.setAttribute("role", assessed ? "meter" : "img"); // a meter must have a value
-    dial.setAttribute("aria-label", assessed ? "risk, higher is worse" : `risk not assessed: ${why}`);
-    const meter = {
-      "aria-valuemin": "0",
-      "aria-valuemax": "1",
-      "aria-valuenow": digits,
-      "aria-valuetext": `${digits}${above}`,
-    };
-    for (const [name, value] of Object.entries(meter)) {
-      if (assessed) dial.setAttribute(name, value);
-      else dial.removeAttribute(name);
-    }
   }
 
   draw(performance.now());

@@ -28,7 +28,7 @@ import { scaledWords } from "../mapping/changes.js";
 import { isWithUnit } from "../mapping/signal_select.js";
 import { createNotesPanel, laneOfMarkers } from "../notes_panel.js";
 import { createTrainingOffer } from "../training_offer.js";
-import { alertRule, NO_CLOCK, outcomeChip, outsideChip, trimText } from "../words.js";
+import { NO_CLOCK, scoredSummary, verdictPanel } from "../words.js";
 import { laneOf, scoringStarts } from "./events.js";
 import { createScoredChart } from "./scored_chart.js";
 import { scoringSource, TRIM_SEGMENT } from "./source.js";
@@ -76,14 +76,10 @@ export function showScoring(element, { id, query, api, navigate }) {
     return pageOf(
       recording.name,
       actions({ api, navigate }, scoring, display),
-      summary(scoring),
+      scoredSummary(scoring, monitorFact(scoring), sensorChip(scoring)),
       display.element,
       scored,
-      panel(
-        ["Outcome of each manoeuvre ", guideLink("what-the-numbers-mean#after-the-flight", "outcomes after the flight")],
-        manoeuvres.length ? verdicts.element : none,
-        { beside: h("span.dim", formatted(`values are ${trimText(scoring)}`)), "aria-label": "Verdicts" },
-      ),
+      verdictPanel(scoring, verdicts, none),
       isInvalid &&
         createTrainingOffer({
           api,
@@ -155,22 +151,10 @@ function actions({ api, navigate }, scoring, display) {
   }
 }
 
-function summary(scoring) {
-  const { monitor_name: name, monitor, lead, manoeuvres } = scoring;
-  const counts = Map.groupBy(manoeuvres, ({ verdict }) => verdict.word);
-  const fact = (words, ...content) => h("span", h("span.dim", words), content);
-  return h(
-    "div.row.scored-summary",
-    [...counts.values()].map(({ length: n, 0: first }) => outcomeChip(first, n)),
-    outsideChip(scoring),
-    sensorChip(scoring),
-    scoring.request.monitor_set
-      ? fact("", h("a", { href: `#/sets/${scoring.request.monitor_set.id}` }, name))
-      : fact("Monitor ", h("a", { href: `#/monitors/${monitor}` }, name), warningMark(scoring)),
-    h("span", formatted(alertRule(scoring))),
-    fact("warning lead time ", `${figure(lead)} s`),
-    fact("channels are ", formatted(trimText(scoring))),
-  );
+function monitorFact(scoring) {
+  const { monitor, monitor_name: name, request: { monitor_set: set } } = scoring;
+  if (set) return h("span", h("a", { href: `#/sets/${set.id}` }, name));
+  return h("span", h("span.dim", "Monitor "), h("a", { href: `#/monitors/${monitor}` }, name), warningMark(scoring));
 }
 
 function scoringFacts({ request, quality, notes, mapping, channels, ...scoring }) {
