@@ -21,8 +21,6 @@ VIEWS = [
     "monitors",
     "monitors/new",
     "monitors/new?recording={recording}",
-    "monitors/combine",
-    "monitors/compare",
     "monitors/sweep",
     "monitors/{monitor}",
     "nowhere",

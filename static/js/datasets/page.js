@@ -31,7 +31,7 @@ export function showDataset(element, { id, api, navigate }) {
       dataset.name,
       [
         link("Train a monitor", `#/monitors/new?dataset=${id}`, true),
-        isKnown && link("Compare methods", `#/monitors/compare?dataset=${id}`),
+        isKnown && link("Lead-time study", `#/monitors/sweep?dataset=${id}`),
         h("a.button", { href: `/api/v1/datasets/${id}/arrays`, download: `dataset-${id}.npz` }, "Download arrays"),
         deleteButton({
           api,

@@ -2,7 +2,7 @@
  * The planned test of a form: a stored dataset, or the recipe of one to simulate.
  *
  * initial: a recipe to begin with; else the default with noise, jitter, imperfections of a real flight and the usual
- *     number of failures, unless asFlown is false
+ *     number of failures
  * datasetChoice(...) -> {element, size (editor of n_unsafe), read() -> id | recipe, check(), editors,
  *     failures() -> number of unsafe rollouts that calibrate | null, isOwn() -> whether it is one of own rollouts,
  *     choosesMethod() -> whether methods can be tried on it, isSimulated()}
@@ -31,7 +31,7 @@ const MODELS = [
 ];
 
 /** withGroups: with the field of the groups of failing rollouts. */
-export function createTestFields({ api, catalog, initial = null, asFlown = true, withGroups = false }) {
+export function createTestFields({ api, catalog, initial = null, withGroups = false }) {
   const value = testModel(catalog, initial ?? {});
   const ways = MODELS.map(([name, words]) => [name, words, missing(catalog.recipes[name])]);
   const model = radioGroup({ name: "model", ways, value, onchange: () => turn(), label: "model of the aircraft" });
@@ -48,7 +48,7 @@ export function createTestFields({ api, catalog, initial = null, asFlown = true,
   return { fields: shown, main: h("div.stack", model.element, main), folded, size };
 
   function turn(begun = null) {
-    const parts = fieldsOf({ api, catalog, model: model.value(), initial: begun, asFlown, withGroups });
+    const parts = fieldsOf({ api, catalog, model: model.value(), initial: begun, withGroups });
     fields = parts.fields;
     main.replaceChildren(parts.main);
     folded.replaceChildren(parts.folded);
@@ -59,10 +59,10 @@ export function createTestFields({ api, catalog, initial = null, asFlown = true,
 /** What a way shows where the server lacks what simulates it. */
 const missing = ({ needs: name }) => (name ? { disabled: true, beside: h("span.hint", ` needs ${name} on the server: pip install '${name}'`) } : {});
 
-function fieldsOf({ api, catalog, model, initial, asFlown, withGroups }) {
+function fieldsOf({ api, catalog, model, initial, withGroups }) {
   const recipe = catalog.recipes[model];
   const { schema, default: clean, usual } = recipe;
-  const begun = { ...(asFlown && !initial ? usual : clean), ...initial };
+  const begun = { ...(initial ? clean : usual), ...initial };
   const fields = createFields(schema, begun, { catalog, path: "dataset", unfolded: OPEN });
   const { properties } = schema;
   const families = fields.keys.filter((key) => key !== GROUPS && properties[key]["x-family"]);
@@ -174,8 +174,8 @@ function amplitudeSuggestion(fields, api) {
   }
 }
 
-export function datasetChoice({ api, catalog, datasets, chosen, initial = null, asFlown = true }) {
-  const { fields, main, folded, size } = createTestFields({ api, catalog, initial, asFlown });
+export function datasetChoice({ api, catalog, datasets, chosen, initial = null }) {
+  const { fields, main, folded, size } = createTestFields({ api, catalog, initial });
   const choice = select(
     datasets.map(({ id, name, n_unsafe: n, created }) => [id, `${name} (${counted(n, "failure")}, ${moment(created)})`]),
     { "aria-label": "stored dataset", onchange: turn, value: chosen },

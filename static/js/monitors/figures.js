@@ -1,8 +1,7 @@
 /**
- * Figures of a monitor and of a comparison of methods, each with caption and key.
+ * Figures of a monitor and of a lead-time study, each with caption and key.
  *
  * calibrationFigure and curvesFigure have mark({epsilon, rank}).   preventionFigure: null if not simulated
- * methodsFigure(methods, ranking, what)    what: "miss" or "power" of a study
  * leadsFigure(test, recipe, what, alike)   what: "power_at_epsilon" or "prevented_alike" of a sweep's planned test;
  *     alike: share of safe flights with an alert at which the latter compares methods
  */
@@ -123,31 +122,6 @@ export function preventionFigure({ prevention, epsilon }) {
     x: { label: "mean time from the alert to neutral controls [s]", domain: [0, reactions.at(-1) * 1.05] },
     y: { label: "share of failing flights prevented", ...UNIT_SHARE },
     series: [{ look: "plot-power", line: shares, band: bandOf(reactions, intervals), mark: "circle", words: STOPPED }],
-  });
-}
-
-export function methodsFigure(methods, ranking, what) {
-  const isMiss = what === "miss";
-  const name = isMiss ? "Miss rate" : "Safe flights without a false alarm";
-  const seriesOf = (method, k) => {
-    const { epsilon, [isMiss ? "miss_rate" : "power"]: values, [`${what}_interval`]: intervals } = methods[method];
-    const line = values.map((value, i) => [epsilon[i], value]);
-    return {
-      look: `plot-method-${k}`,
-      line,
-      band: k === 0 ? bandOf(epsilon, intervals) : null,
-      mark: markOf(k),
-      marks: every(5, line, k % 5),
-      words: method,
-    };
-  };
-  return createFigure({
-    title: `${name} against epsilon`,
-    words: `${isMiss ? "The promise is at or below the dotted line" : "Higher is better"}. Band: 95 % interval of the first method.`,
-    label: `${name} of ${ranking.length} methods against epsilon`,
-    x: EPSILON,
-    y: { label: name.toLowerCase(), ...UNIT_SHARE },
-    series: [...(isMiss ? [PROMISE] : []), ...ranking.map(seriesOf)],
   });
 }
 

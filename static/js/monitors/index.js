@@ -1,6 +1,6 @@
 /**
- * The Monitors page: #/monitors lists; #/monitors/new trains one, #/monitors/combine combines several,
- * #/monitors/compare compares methods, #/monitors/sweep lead times; #/monitors/{id} is one monitor.
+ * The Monitors page: #/monitors lists; #/monitors/new trains one, #/monitors/sweep compares methods and lead times;
+ * #/monitors/{id} is one monitor.
  */
 
 import { fileInput } from "../forms/controls.js";
@@ -10,13 +10,11 @@ import { button, empty, errorLine, guideLink, h, hiddenHead, link, loadingView, 
 import { jobList } from "../lib/job_progress.js";
 import { warningMark } from "../lib/monitors.js";
 import { figure, moment, percent } from "../lib/numbers.js";
-import { showCombining } from "./combine_form.js";
-import { showComparison } from "./compare_methods.js";
 import { showSweep } from "./lead_sweep.js";
 import { showMonitor } from "./page.js";
 import { showTraining } from "./train_form.js";
 
-const VIEWS = { new: showTraining, combine: showCombining, compare: showComparison, sweep: showSweep };
+const VIEWS = { new: showTraining, sweep: showSweep };
 
 export function show(element, context) {
   const view = context.id ? (VIEWS[context.id] ?? showMonitor) : showMonitors;
@@ -39,8 +37,6 @@ function showMonitors(element, { api, navigate }) {
         );
     const actions = [
       training(),
-      monitors.length > 1 ? link("Combine monitors", "#/monitors/combine") : null,
-      link("Compare methods", "#/monitors/compare"),
       link("Lead-time study", "#/monitors/sweep"),
       link("Monitor sets", "#/sets"),
       uploader(api, navigate),

@@ -1,29 +1,56 @@
 /** Lead-time study: how early each method can warn on a planned test, and at what cost.   query: dataset, job (a past sweep) */
 
-import { checkbox, fieldset, foldedPanel, group, labelled, select, sharedField, textInput } from "../forms/controls.js";
+import { checkbox, createForm, fieldset, foldedPanel, group, labelled, select, sharedField, textInput } from "../forms/controls.js";
 import { createFields } from "../forms/form.js";
-import { h, table } from "../lib/dom.js";
+import { isSimulated, loadCatalog } from "../lib/catalog.js";
+import { empty, guideLink, h, link, loadingView, pageOf, panel, table } from "../lib/dom.js";
+import { createJobProgress } from "../lib/job_progress.js";
 import { decimals, figure, interval, moment, percent } from "../lib/numbers.js";
 import { leadsFigure } from "./figures.js";
-import { showStudyPage } from "./study_page.js";
 
+const TITLE = "Lead-time study";
+const ADDRESS = "#/monitors/sweep";
 const LISTS = ["tests", "methods", "leads_s", "reactions_s"];
 const NUMBERS = ["epsilon", "guarantee", "n_unsafe", "n_monitors", "n_test", "seed", "ceiling"];
 
-export function showSweep(element, context) {
-  return showStudyPage(element, context, {
-    title: "Lead-time study",
-    kind: "sweep",
-    guide: "method#how-early",
-    address: "#/monitors/sweep",
-    requestWords: ({ tests, methods, leads_s: leads }) =>
-      `${tests.join(", ")}; ${methods.length} methods at ${leads.map((lead) => figure(lead)).join(", ")} s`,
-    form,
-    result,
-  });
+export function showSweep(element, { query, api, navigate }) {
+  return loadingView(element, { title: TITLE, text: "Loading past studies", loads: [loadCatalog], build });
+
+  async function build({ keep, again }, catalog) {
+    const help = guideLink("method#how-early", TITLE);
+    const id = query.get("job");
+    if (!id) return pageOf(TITLE, [help], await begin(catalog));
+    const job = await api.get(`/jobs/${id}`);
+    const actions = [link("New study", ADDRESS), help];
+    if (job.status === "done") return pageOf(TITLE, actions, result(job.result), figureFiles(job));
+    const progress = createJobProgress({ api, job, title: "Training and testing the monitors", done: again, back: () => navigate(ADDRESS) });
+    return pageOf(TITLE, actions, keep(progress).element);
+  }
+
+  async function begin(catalog) {
+    const [datasets, jobs] = await Promise.all([api.get("/datasets"), api.get("/jobs?kind=sweep")]);
+    return [formOf({ catalog, datasets: datasets.filter(isSimulated), chosen: query.get("dataset"), send }), pastStudies(jobs)];
+  }
+
+  async function send(request) {
+    const job = await api.post("/sweeps", request);
+    navigate(`${ADDRESS}?job=${job.id}`);
+  }
 }
 
-function form({ catalog, datasets, chosen }) {
+function pastStudies(jobs) {
+  const words = ({ tests, methods, leads_s: leads }) => `${tests.join(", ")}; ${methods.length} methods at ${leads.map((lead) => figure(lead)).join(", ")} s`;
+  const rows = jobs.map(({ id, status, created, request }) => h("li", h("a", { href: `${ADDRESS}?job=${id}` }, moment(created)), ` ${status}, ${words(request)}`));
+  const none = empty("No study yet", "The first one takes about a minute with the numbers above.");
+  return panel("Past studies", rows.length ? h("ul", rows) : none);
+}
+
+function figureFiles({ id, result }) {
+  const files = Object.entries(result.figures).map(([name, address]) => h("li", h("a", { href: address, download: name }, name)));
+  return panel("For a report", h("ul", { "data-job": id }, files));
+}
+
+function formOf({ catalog, datasets, chosen, send }) {
   const { schema, default: usual } = catalog.recipes.sweep;
   const fields = createFields(schema, usual, { catalog, path: "sweep", hidden: LISTS });
   const source = testChoice(usual.tests, datasets, chosen);
@@ -38,9 +65,10 @@ function form({ catalog, datasets, chosen }) {
   const checks = () => [[methods, asked().length ? "" : "Choose at least one method."]];
   source.addEventListener("change", follow);
   follow();
-  return {
-    path: "/sweeps",
+  return createForm({
+    title: TITLE,
     word: "Start the study",
+    route: "POST /sweeps",
     fields: [fields, group({ "sweep.leads_s": leadField, "sweep.methods": methods }, checks)],
     content: [
       fieldset(
@@ -51,9 +79,9 @@ function form({ catalog, datasets, chosen }) {
       fieldset("2  Methods and warning lead times", methods.element, leadField.element),
       fieldset("3  Size", h("div.field-grid", NUMBERS.map(fields.element))),
     ],
-    beside: "Each monitor has its own training failures and takes about 0.1 s.",
-    read,
-  };
+    beside: h("span.hint", "Each monitor has its own training failures and takes about 0.1 s."),
+    send: () => send(read()),
+  }).element;
 
   /** A dataset's recipe has its own imperfections. */
   function follow() {
@@ -94,7 +122,7 @@ function methodChoice(boxes, words) {
   return sharedField("fieldset.stack-tight", boxes[0], [h("legend", "Methods"), rows], { words: "methods" });
 }
 
-function result({ result: { recipe, tests, false_alarms_alike: alike } }) {
+function result({ recipe, tests, false_alarms_alike: alike }) {
   const words =
     `${recipe.n_monitors} monitors of each method and warning lead time, each calibrated on ${recipe.n_unsafe} failures and tested on ${recipe.n_test} fresh flights; ` +
     `promised miss rate ${figure(recipe.epsilon)} ${recipe.guarantee === "average" ? "on average" : "with 95 % confidence"}.`;

@@ -808,7 +808,7 @@ def test_a_flight_that_never_was_says_so(fly: Fly, allowed_errors: list[str]) ->
 def test_without_a_monitor_the_page_leads_to_training(fly: Fly) -> None:
     fly.page.route("**/api/v1/monitors", lambda route: route.fulfill(json=[]))
     fly.page.goto(f"{fly.site.http}/#/fly")
-    expect(fly.page.get_by_role("link", name="Train your own")).to_be_visible()
+    expect(fly.page.get_by_role("link", name="Train a monitor")).to_be_visible()
 
 
 @pytest.mark.parametrize(("view", "heading"), [("fly", "Fly"), ("fly/0123456789ab", "Flight")])

@@ -16,6 +16,7 @@ from core.monitor import train
 from core.monitor.calibration import Guarantee, failures_needed
 from tests.browser.site import open_site
 from tests.support.glb_file import glb
+from tests.support.patience import until
 
 SMALL = {"n_unsafe": 40, "seed": 5}
 N_TEST = 300
@@ -595,30 +596,6 @@ def test_a_long_name_pushes_no_button_of_the_list_out_of_sight(own_page: Page, s
     assert scroll.evaluate("({ scrollWidth, clientWidth }) => scrollWidth <= clientWidth")
 
 
-def test_methods_and_rules_of_others_are_compared_on_a_dataset(page: Page, site: Site) -> None:
-    page.goto(f"{site.http}/#/monitors/compare?dataset={site.dataset}")
-    field(page, "study.n_monitors").fill("1")
-    field(page, "study.n_test").fill("60")
-    page.get_by_text("Settings of the monitors").click()
-    expect(field(page, "study.monitor.epsilon")).to_be_visible()
-    for compared in ("predictor", "score"):
-        expect(field(page, f"study.monitor.{compared}.kind")).to_have_count(0)
-    page.get_by_role("button", name="Compare", exact=True).click()
-    expect(page.locator("figure svg.plot")).to_have_count(2, timeout=SLOW)
-    job = page.url.rpartition("job=")[2]
-    result = site.get(f"/jobs/{job}")["result"]
-    names = page.locator("tbody th").all_inner_texts()
-    assert names == [*result["ranking"], *result["others"]]
-    best = result["methods"][result["ranking"][0]]
-    at = best["epsilon"].index(0.1)
-    shares = f"{100 * best['miss_rate'][at]:.0f} % / {100 * best['power'][at]:.0f} %"
-    expect(page.locator("tbody tr").first).to_contain_text(shares)
-    name, own = list(result["others"].items())[-1]
-    row = page.get_by_role("row", name=name).last
-    expect(row).to_contain_text(own["assumption"])
-    expect(row).to_contain_text(f"{100 * own['miss_rate']:.0f} % / {100 * own['power']:.0f} %")
-
-
 # Datasets
 
 
@@ -696,32 +673,27 @@ def test_an_epsilon_is_chosen_by_fresh_flights(page: Page, site: Site) -> None:
     expect(page).to_have_url(re.compile(rf"#/fly\?monitor={site.monitor}&epsilon=0\.\d+"))
 
 
-def test_two_monitors_are_combined(page: Page, site: Site) -> None:
+def test_a_combination_shows_its_members(page: Page, site: Site) -> None:
     stored = site.store.monitors.get(site.monitor)
     again = train(
         site.store.datasets.get(site.dataset), replace(stored.recipe.as_planned(), t_early=0.5)
     )
     later = site.store.monitors.add(again, "later", site.dataset).id
-    page.goto(f"{site.http}/#/monitors")
-    page.get_by_role("link", name="Combine monitors").click()
-    page.get_by_role("button", name="Combine").click()
-    expect(page.get_by_text("Choose at least two members")).to_be_visible()
-    for name in ("card 7", "later"):
-        page.get_by_label(name, exact=True).check()
-    expect(page.get_by_label("warning lead time")).to_have_value("0.25")
-    page.get_by_label("warning lead time").select_option("0.5")
-    field(page, "combination.n_unsafe").fill("60")
-    field(page, "combination.n_test").fill("60")
-    page.get_by_role("button", name="Combine").click()
-    title = page.get_by_role("heading", name="2 monitors as one, 0.5 s ahead")
-    expect(title).to_be_visible(timeout=SLOW)
+    asked = {"monitors": [site.monitor, later], "lead": 0.5, "n_unsafe": 60, "n_test": 60}
+    answer = page.request.post(f"{site.http}/api/v1/monitors/combinations", data=asked)
+    assert answer.status == 202
+    job = answer.json()["id"]
+    until(lambda: site.get(f"/jobs/{job}")["status"] == "done")
+    combined = site.get(f"/jobs/{job}")["result"]["monitor"]
+    page.goto(f"{site.http}/#/monitors/{combined}")
+    expect(page.get_by_role("heading", name="2 monitors as one, 0.5 s ahead")).to_be_visible()
     expect(page.locator(".page-actions")).not_to_contain_text("false")
     expect(page.get_by_text("60 failures", exact=True)).to_be_visible()
     recipe = page.locator(".recipe-columns")
     expect(recipe).to_contain_text("highest risk")
     expect(recipe).to_contain_text("Member 2")
     expect(recipe).to_contain_text("s ahead: past failures and the peak still to come as one")
-    for monitor in (later, page.url.rpartition("/")[2]):
+    for monitor in (later, combined):
         site.store.monitors.delete(monitor)
 
 
