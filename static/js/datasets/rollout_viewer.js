@@ -5,6 +5,7 @@ import { limitedFirst } from "../charts/strips.js";
 import { fold, select } from "../forms/controls.js";
 import { needs } from "../lib/api.js";
 import { button, errorLine, factList, formatted, h, link, panel } from "../lib/dom.js";
+import { startFlight } from "../lib/monitors.js";
 import { figure } from "../lib/numbers.js";
 
 export function createRolloutViewer({ api, channels, dataset, monitors, navigate }) {
@@ -93,7 +94,7 @@ export function createRolloutViewer({ api, channels, dataset, monitors, navigate
   }
 
   function fly() {
-    const query = `dataset=${dataset.id}&outcome=${outcome.value}&rollout=${index.value}&monitor=${monitor.value}`;
-    navigate(`#/fly?${query}`);
+    const source = { kind: "replay", dataset: dataset.id, outcome: outcome.value, rollout: Number(index.value) };
+    return failure.attempt(() => startFlight({ api, navigate }, { source, monitor: monitor.value }));
   }
 }

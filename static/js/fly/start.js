@@ -2,7 +2,7 @@
  * Start a flight, or open one that is in progress or has ended.
  *
  * showFlightStart(element, {query, api, navigate}) -> {close()}
- *     query: kind, monitor or set, epsilon, dataset, outcome, rollout, seed fill in the form (#/fly?monitor=3f9a)
+ *     query: kind, monitor or set, epsilon, outcome, seed fill in the form (#/fly?monitor=3f9a)
  */
 
 import { createForm, fold, labelled, numberInput, radioGroup, select } from "../forms/controls.js";
@@ -24,19 +24,19 @@ const OLDER = 500; // ms between words of the age of a stale flight
 const LISTED = 30; // ended flights
 const OVER = "/flights?progress=ended&progress=failed&progress=interrupted";
 const WAIT = 1.5; // intervals of the monitor that a sample waits for others by default
-const KINDS = [["simulated", "Simulated"], ["replay", "Replay"], ["live", "Live"]];
+const KINDS = [["simulated", "Simulated"], ["live", "Live"]];
 
 export function showFlightStart(element, { query, api, navigate }) {
-  const loads = ["/monitors", "/monitor-sets", "/datasets", "/recordings?limit=200"];
+  const loads = ["/monitors", "/monitor-sets", "/recordings?limit=200"];
   return loadingView(element, { title: "Fly", text: "Looking for monitors and flights", loads, build });
 
-  async function build({ keep, again }, monitors, sets, datasets, recordings) {
+  async function build({ keep, again }, monitors, sets, recordings) {
     const list = createFlightList(api, monitors);
     await list.load();
     keep(watching(list.element, { flights_in_progress: list.loadRunning, flights: list.load }));
     keep(list);
     const training = monitors.length === 0 ? keep(await jobList({ api, kind: "monitor", done: again })) : null;
-    const start = training ? noMonitor(training.element) : startForm({ monitors, sets, datasets, recordings, query, api, navigate });
+    const start = training ? noMonitor(training.element) : startForm({ monitors, sets, recordings, query, api, navigate });
     return h("div.page", h("div.columns.start-columns", start, list.element));
   }
 }
@@ -115,7 +115,7 @@ function ageText({ status, beside, state, reason: why, age }) {
   return isStale ? staleText(state === "stale" ? why : "", age) : "";
 }
 
-function startForm({ monitors, sets, datasets, recordings, query, api, navigate }) {
+function startForm({ monitors, sets, recordings, query, api, navigate }) {
   const setOptions = sets.map(({ id, name, cases }) => h("option", { value: id }, `${name} (${counted(cases.length, "condition")})`));
   const monitor = select(
     [
@@ -127,20 +127,11 @@ function startForm({ monitors, sets, datasets, recordings, query, api, navigate 
   const epsilon = numberInput({ min: 0, max: 1, value: query.get("epsilon") });
   const served = h("span");
   const own = monitors.some((each) => each.id === query.get("monitor") && !isSimulated(each));
-  const asked = query.get("kind") ?? (query.get("dataset") || own ? "replay" : "simulated");
-  const kind = radioGroup({ name: "kind", ways: KINDS, value: KINDS.some(([name]) => name === asked) ? asked : "simulated", label: "Source" });
+  const asked = query.get("kind") ?? (own ? "live" : "simulated");
+  const kind = radioGroup({ name: "kind", ways: KINDS, value: asked === "live" ? asked : "simulated", label: "Source" });
   const outcome = select([["unsafe", "exceeds its limit"], ["safe", "stays within its limit"], ["any", "random"]], { value: query.get("outcome") });
   const seed = numberInput({ min: 0, step: 1, value: query.get("seed") ?? 1 });
-  const dataset = select(
-    datasets.map(({ id, name, n_unsafe: unsafe, n_safe: safe, created }) => [id, `${name} (${moment(created)}, ${unsafe} unsafe, ${safe} safe)`]),
-    { value: query.get("dataset") },
-  );
-  const rollout = numberInput({ min: 0, step: 1, value: query.get("rollout") ?? 0 });
-  const range = h("span");
-  const none = h("p.error", "No stored dataset has this monitor's sample interval: fly a simulation, or make a dataset.");
-  const outcomes = labelled("Outcome", outcome).element;
-  const simulated = labelled("Seed", seed, { hint: "Same seed, same flight." }).element;
-  const replayed = h("div.stack", labelled("Dataset", dataset).element, labelled("Rollout", rollout, { hint: range }).element, none);
+  const simulated = h("div.stack", labelled("Outcome", outcome).element, labelled("Seed", seed, { hint: "Same seed, same flight." }).element);
   const live = createLiveFields(recordings);
   const warnings = h("div");
   const chosenSet = () => sets.find(({ id }) => id === monitor.value);
@@ -157,9 +148,9 @@ function startForm({ monitors, sets, datasets, recordings, query, api, navigate 
   let warned = ""; // the monitor and the epsilon of the warnings
   let kindOf = ""; // the kind that the preselected monitor fits
   let byHand = query.has("monitor") || query.has("set");
-  const fits = { simulated: isSimulated, replay: ({ dt }) => datasets.some((data) => sameInterval(data.dt, dt)), live: () => true };
-  const recordingsLink = h("a", { href: "#/recordings" }, "Recordings page");
-  const { element, form, go } = createForm({
+  const fits = { simulated: isSimulated, live: () => true };
+  const pages = [["Recordings", "#/recordings"], ["Datasets", "#/datasets"]].map(([name, href]) => h("a", { href }, name));
+  const { element, form } = createForm({
     title: "Start a flight",
     word: "Start the flight",
     route: "POST /flights",
@@ -171,10 +162,8 @@ function startForm({ monitors, sets, datasets, recordings, query, api, navigate 
       warnings,
       display.element,
       limits.element,
-      h("fieldset", h("legend", "Source"), kind.element, h("p.hint", "A new simulation, a stored rollout, or live samples. To replay a recording, open it on the ", recordingsLink, ".")),
-      outcomes,
+      h("fieldset", h("legend", "Source"), kind.element, h("p.hint", "A new simulation, or live samples. Recordings and rollouts are replayed from the pages ", pages[0], " and ", pages[1], ".")),
       simulated,
-      replayed,
       live.element,
       promised,
     ],
@@ -201,26 +190,9 @@ function startForm({ monitors, sets, datasets, recordings, query, api, navigate 
     const least = Number(now.smallest_epsilon.toPrecision(3));
     const promise = epsilon.value >= now.smallest_epsilon ? guarantee({ epsilon: Number(epsilon.value), lead: now.lead, guarantee: now.recipe.guarantee }) : "";
     put(served, `Calibrated on ${now.n_unsafe} failures, enough for ε ≥ ${least}. ${promise}`);
-    const replay = shown === "replay";
     live.element.hidden = shown !== "live";
-    outcomes.hidden = shown === "live";
+    simulated.hidden = shown === "live";
     live.adapt(now);
-    simulated.hidden = shown !== "simulated";
-    replayed.hidden = !replay;
-    for (const option of outcome.options) option.disabled = option.hidden = replay && option.value === "any";
-    if (replay && outcome.value === "any") outcome.value = "unsafe";
-    for (const option of dataset.options) {
-      const { dt } = datasets.find(({ id }) => id === option.value);
-      option.disabled = !sameInterval(dt, now.dt);
-    }
-    if (dataset.selectedOptions[0]?.disabled) dataset.value = [...dataset.options].find((option) => !option.disabled)?.value ?? "";
-    const data = datasets.find(({ id }) => id === dataset.value);
-    none.hidden = data !== undefined;
-    go.disabled = replay && data === undefined;
-    if (data === undefined) return;
-    const count = outcome.value === "safe" ? data.n_safe : data.n_unsafe;
-    rollout.max = Math.max(0, count - 1);
-    put(range, `0 to ${count - 1} (${outcome.value} rollouts).`);
   }
 
   /** Warnings depend on epsilon: those at the typed one. */
@@ -239,12 +211,7 @@ function startForm({ monitors, sets, datasets, recordings, query, api, navigate 
   }
 
   function request() {
-    const sources = {
-      live: live.source,
-      replay: () => ({ kind: "replay", dataset: dataset.value, outcome: outcome.value, rollout: Number(rollout.value) }),
-      simulated: () => ({ kind: "simulated", seed: Number(seed.value), outcome: outcome.value }),
-    };
-    const source = sources[kind.value()]();
+    const source = kind.value() === "live" ? live.source() : { kind: "simulated", seed: Number(seed.value), outcome: outcome.value };
     if (chosenSet()) return { source, monitor_set: monitor.value, ...limits.chosen() };
     return { source, monitor: monitor.value, monitors: display.chosen(), ...limits.chosen(), epsilon: Number(epsilon.value) };
   }
@@ -297,8 +264,4 @@ function createLiveFields(recordings) {
       ...(udp.value !== "none" && { udp: udp.value === "any" ? 0 : Number(port.value) }),
     }),
   };
-}
-
-function sameInterval(a, b) {
-  return Math.abs(a - b) <= 1e-9;
 }

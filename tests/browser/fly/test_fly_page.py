@@ -212,11 +212,11 @@ def test_the_form_opens_with_the_epsilon_of_its_address(fly: Fly) -> None:
     expect(fly.page.get_by_label("ε, accepted miss rate")).to_have_value("0.3")
 
 
-def test_a_monitor_of_an_own_simulator_is_offered_a_replay(fly: Fly) -> None:
+def test_a_monitor_of_an_own_simulator_is_offered_a_live_flight(fly: Fly) -> None:
     own = fly.ask("GET", "/monitors")[0] | {"dataset_recipe": {"simulator": "pitch:pitch"}}
     fly.page.route("**/api/v1/monitors", lambda route: route.fulfill(json=[own]))
     fly.page.goto(f"{fly.site.http}/#/fly?monitor={own['id']}")
-    expect(fly.page.get_by_label("Replay")).to_be_checked()
+    expect(fly.page.get_by_label("Live", exact=True)).to_be_checked()
 
 
 def test_an_alarm_stays_seen_and_heard_until_it_is_acknowledged(fly: Fly) -> None:
@@ -824,8 +824,6 @@ def test_a_view_has_a_heading_while_it_loads(fly: Fly, view: str, heading: str) 
 def test_a_refused_flight_says_what_is_needed(fly: Fly, allowed_errors: list[str]) -> None:
     allowed_errors.append("422")
     fly.page.goto(f"{fly.site.http}/#/fly")
-    fly.page.get_by_role("radio", name="Replay").check()
-    fly.page.get_by_label("Rollout").fill("39")
     fly.page.get_by_label("accepted miss rate").fill("0.001")
     fly.page.get_by_role("button", name="Start the flight").click()
     expect(fly.page.get_by_role("alert")).to_contain_text("999")

@@ -719,8 +719,12 @@ def test_a_rollout_is_picked_looked_at_and_replayed(page: Page, site: Site) -> N
     expect(page.locator(".rollout-words")).to_contain_text(f"Rollout 3, unsafe: fails at {fails}")
     expect(page.locator(".rollout-strips .strip")).to_have_count(6)
     page.get_by_role("button", name="Replay with").click()
-    wanted = f"#/fly\\?dataset={site.dataset}&outcome=unsafe&rollout=3&monitor={site.monitor}"
-    expect(page).to_have_url(re.compile(wanted))
+    expect(page).to_have_url(re.compile(r"#/fly/\w+$"))
+    flight = site.get(f"/flights/{page.url.rpartition('/')[2]}")
+    source = {"kind": "replay", "dataset": site.dataset, "outcome": "unsafe", "rollout": 3}
+    assert flight["source"] == source
+    page.goto("about:blank")
+    page.request.post(f"{site.http}/api/v1/flights/{flight['id']}/end")
 
 
 def test_nothing_is_wider_than_the_page(page: Page, site: Site) -> None:
