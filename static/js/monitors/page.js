@@ -5,7 +5,7 @@ import { rolloutFigure, sampleRollouts } from "../datasets/figures.js";
 import { foldedPanel } from "../forms/controls.js";
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
 import { needs } from "../lib/api.js";
-import { channelsOf, isSimulated, kindName, limitsOfMonitor, loadCatalog, methodWords, modelFacts, ownLimits, testNames, testRecipe } from "../lib/catalog.js";
+import { channelsOf, isSimulated, limitsOfMonitor, loadCatalog, methodWords, modelFacts, ownLimits, testNames, testRecipe } from "../lib/catalog.js";
 import {
   button,
   chip,
@@ -29,10 +29,7 @@ import { createAirframeChoice } from "./airframe.js";
 import { createEpsilonCost } from "./epsilon_cost.js";
 import { calibrationFigure, curvesFigure, leadFigure, preventionFigure } from "./figures.js";
 
-const share = (n, total) => (n === undefined ? "not counted" : total ? percent(n / total) : "–");
-const missed = ["missed", ({ misses, n_unsafe: n }) => share(misses, n), "number"];
-const failed = ["failed", ({ n_unsafe: n }) => count(n), "number"];
-const withdrawn = ["INVALID before an alert", ({ withdrawn: called, n_unsafe: n }) => share(called, n), "number"];
+const share = (n, total) => (total ? percent(n / total) : "–");
 
 export function showMonitor(element, { id, api, navigate }) {
   const loads = [loadCatalog, `/monitors/${id}`, `/monitors/${id}/calibration`, () => evaluationOf(api, id), `/monitors/${id}/airframe`];
@@ -49,6 +46,7 @@ export function showMonitor(element, { id, api, navigate }) {
     const isKnown = isSimulated(monitor);
     const again = (isPrimary) => link("Train one like it", `#/monitors/new?like=${id}${from && !isKnown ? `&dataset=${from}` : ""}`, isPrimary);
     const { predictor } = monitor.recipe;
+    const certificate = `/api/v1/monitors/${id}/certificate`;
     const channels = withLimits(channelsOf(catalog, monitor), ownLimits(monitor));
     const training = [
       rollouts
@@ -68,7 +66,7 @@ export function showMonitor(element, { id, api, navigate }) {
       [
         button("Fly", () => navigate(`#/fly?monitor=${id}&epsilon=${cost.epsilon}`), { class: "button button-primary", ...needs("POST /flights") }),
         h("a.button", { href: `/api/v1/monitors/${id}/file`, download: true }, "Download"),
-        evaluation && h("a.button", { href: `/api/v1/monitors/${id}/certificate`, target: "_blank" }, "Certificate"),
+        evaluation && h("a.button", { href: certificate, target: "_blank" }, "Certificate"),
         predictor?.kind !== "combination" && again(),
         deleteButton({
           api,
@@ -85,10 +83,8 @@ export function showMonitor(element, { id, api, navigate }) {
       guarantee(monitor, calibration, isKnown, isKnown || Boolean(evaluation?.simulator)),
       methods(evaluation, catalog),
       figurePanels(tested),
-      fold("Flights that differ from the planned test", robustness(evaluation)),
-      fold("Groups of failing flights", groups(evaluation, calibration, catalog)),
+      fold("All results on fresh flights, as in the certificate", evaluation && h("iframe.certificate", { src: certificate, title: "Certificate", loading: "lazy" })),
       fold("Training flights and calibration", figurePanels(training)),
-      fold("Flown flights", flownFlights(evaluation)),
       fold("Channels", isKnown ? null : channelTable(channels)),
       fold("Aircraft in the scene", createAirframeChoice({ api, id, airframe })),
       fold("Recipe, origin and file", details(monitor, calibration, catalog)),
@@ -144,64 +140,6 @@ function methods(evaluation, catalog) {
   const kept = most === undefined ? "" : ` A method keeps ε in this trial if it misses at most ${most} of ${count(of)}: so few flights cannot tell more from chance (two standard errors). The promise comes from the calibration.`;
   const beside = tried.some(isThreshold) ? " The threshold is calibrated like the methods." : "";
   return panel("Methods tried", [table({ columns, items: tried, panel: false }), h("p.hint", hint + kept + beside)]);
-}
-
-/** The flown flights of its dataset, and what each was used for; null without any. */
-function flownFlights(evaluation) {
-  const flown = evaluation?.flown ?? [];
-  if (!flown.length) return null;
-  const columns = [
-    ["Flight", ({ flight }) => flight, "name"],
-    ["Used to", ({ part }) => part],
-    ["Manoeuvres", ({ manoeuvres: n }) => count(n), "number"],
-    ["Failing", ({ failures: n }) => count(n), "number"],
-    ["File, SHA-256", ({ digest }) => h("code", { title: digest }, digest.slice(0, 12))],
-  ];
-  const hint = "A flight is on one side of the split with all its manoeuvres. Scored again, it is no evidence about this monitor.";
-  return [table({ columns, items: flown, panel: false }), h("p.hint", hint)];
-}
-
-function robustness(evaluation) {
-  const kinds = Object.values(evaluation?.robustness ?? {});
-  if (!kinds.length) return null;
-  const quiet = ({ n_safe, false_alerts, safe_withdrawn: called }) => (called === undefined ? called : n_safe - false_alerts - called);
-  const aircraft = ({ n_aircraft: n, worst }) => (n ? ` (${n} aircraft${worst ? `; the worst missed ${worst[0]} of ${worst[1]}` : ""})` : "");
-  const rate = (name) => (kind) => {
-    const mean = kind[{ misses: "miss_rate", withdrawn: "withdrawn_rate" }[name]]; // older monitors have no mean of the withdrawn
-    return kind.n_unsafe && mean != null ? percent(mean) : share(kind[name], kind.n_unsafe);
-  };
-  const columns = [
-    ["Flights that differ by", (kind) => kind.words + aircraft(kind)],
-    failed,
-    ["missed", rate("misses"), "number"],
-    ["95 % interval", ({ miss_interval: bounds, n_unsafe: n }) => (n && bounds ? interval(bounds) : "–"), "number"],
-    [withdrawn[0], rate("withdrawn"), "number"],
-    ["safe", ({ n_safe }) => count(n_safe), "number"],
-    ["false alarm", ({ false_alerts, n_safe }) => share(false_alerts, n_safe), "number"],
-    ["INVALID, no alert", ({ safe_withdrawn, n_safe }) => share(safe_withdrawn, n_safe), "number"],
-    ["valid and quiet", (kind) => share(quiet(kind), kind.n_safe), "number"],
-  ];
-  const hint = `At ε = ${figure(evaluation.epsilon)}; measured, not guaranteed. Missed: neither an alert nor INVALID in time; for several aircraft, both are means of their shares. No method keeps epsilon for each single aircraft.`;
-  return [table({ columns, items: kinds, panel: false }), h("p.hint", hint)];
-}
-
-function groups(evaluation, calibration, catalog) {
-  const measured = evaluation?.groups ?? [];
-  if (!measured.length) return null;
-  const promised = calibration.groups[0]?.rule;
-  const columns = [
-    ["Failing flights", ({ name }) => name],
-    failed,
-    missed,
-    ["95 % interval", ({ miss_interval: bounds }) => interval(bounds), "number"],
-    withdrawn,
-    ["promise", ({ rule }) => (rule === promised ? "its own" : "none")],
-  ];
-  const scope = promised
-      ? `The promise holds in each group by ${kindName(catalog, "grouping", { kind: promised })}, not for other groups nor for all groups at once.`
-      : "The promise covers all failing flights together; one group may be missed more often. Train with groups for a promise in each.";
-  const hint = `At ε = ${figure(evaluation.epsilon)}. ${scope}`;
-  return [table({ columns, items: measured, panel: false }), h("p.hint", hint)];
 }
 
 function guarantee(monitor, { groups: promised, alphas }, isKnown, isFresh) {
