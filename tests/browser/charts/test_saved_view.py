@@ -50,7 +50,7 @@ def flown(strips: Open) -> Page:
 def test_a_picture_names_its_strips_and_draws_their_traces(flown: Page, tmp_path: Path) -> None:
     root = ElementTree.parse(saved(flown, "SVG", tmp_path)).getroot()
     texts = {text.text for text in root.iter(f"{SVG}text")}
-    assert {"N_y  lateral acceleration  [g]", "risk  higher is worse", "t [s]"} <= texts
+    assert {"N_y lateral acceleration [g]", "risk higher is worse", "t [s]"} <= texts
     trace = flown.evaluate(
         "getComputedStyle(document.documentElement).getPropertyValue('--trace').trim()"
     )

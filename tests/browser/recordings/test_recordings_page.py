@@ -241,7 +241,7 @@ def test_bad_rows_gaps_and_signals_are_shown(page: Page, site: RecordedSite) -> 
     expect(page.locator(".quality svg text", has_text="gaps")).to_be_visible()
     expect(page.locator(".quality .sentences")).to_contain_text(re.compile("2 gaps?"))
     page.locator(".signal-list summary").click()
-    expect(page.locator(".signal-list tr", has_text="TAS_kt")).to_contain_text("255")
+    expect(page.locator(".signal-list tr", has_text="TAS_kt")).to_contain_text("254.6")
 
 
 @pytest.mark.parametrize(
