@@ -68,6 +68,8 @@ SETTLED = 0.1
 
 CHANGES_KEPT = 50
 """Newest changes of trim that are shown."""
+LOOKED_AHEAD = 512
+"""Trims of a recording in which the next change is looked for at once."""
 
 UNMOVED = "aircraft moves, surfaces do not: {}check the channel"
 
@@ -151,9 +153,8 @@ class TrimCheck:
         if self._limits is None or self._trim == (known := trim.tobytes()):
             return
         self._trim = known
-        share = np.nan_to_num(self._limits.shares(self._limits.rest + trim))
-        at = np.flatnonzero(share >= NOTABLE).tolist()
-        self.far = {self._channels[c].key: c for c in at}
+        share = self._share_of(trim, self._limits)
+        self.far = self.far_at(trim)
         self._note_changes(t, trim, self._limits, by_hand)
         if self.doubts and abs(share.item(self._at) - self._share) < SETTLED:
             return
@@ -169,10 +170,36 @@ class TrimCheck:
             )
             self.doubts = (Doubt("trim", level, t, reason, (channel.key,)),)
 
-    def _note_changes(self, t: float, trim: Array, limits: Envelope, by_hand: bool) -> None:
+    def note_all(self, t: Array, trims: Array) -> None:
+        """The trims (n, n_channels) of a whole flight, each from t (n,) [s] on."""
+        at = 0
+        while self._limits is not None and at < len(t):
+            changed = self._changed(trims[at : at + LOOKED_AHEAD], self._limits).any(axis=1)
+            if not changed.any():
+                at += LOOKED_AHEAD
+                continue
+            at += int(changed.argmax())
+            self.note(t.item(at), trims[at])
+            at += 1
+
+    def far_at(self, trim: Array) -> Mapping[str, int]:
+        """Channels, by key, whose trim (n_channels,) is a notable share of their limit."""
+        if self._limits is None:
+            return {}
+        at = np.flatnonzero(self._share_of(trim, self._limits) >= NOTABLE).tolist()
+        return {self._channels[c].key: c for c in at}
+
+    @staticmethod
+    def _share_of(trim: Array, limits: Envelope) -> Array:
+        return np.nan_to_num(limits.shares(limits.rest + trim))
+
+    def _changed(self, trim: Array, limits: Envelope) -> Flags:
+        """(..., n_channels) whether it has changed notably since it was noted."""
         moved = limits.shares(limits.rest + trim - self._noted) >= SETTLED
-        changed = (moved | (np.isnan(trim) != np.isnan(self._noted))) & limits.limited
-        for c in np.flatnonzero(changed).tolist():
+        return (moved | (np.isnan(trim) != np.isnan(self._noted))) & limits.limited
+
+    def _note_changes(self, t: float, trim: Array, limits: Envelope, by_hand: bool) -> None:
+        for c in np.flatnonzero(self._changed(trim, limits)).tolist():
             channel, value = self._channels[c], trim.item(c)
             self._noted[c] = value
             if channel.reference == "trim":

@@ -210,6 +210,7 @@ class RecordedFlight:
             self.monitor.dt
         )
         same = samples["manoeuvre"][after] == samples["manoeuvre"][np.maximum(after - 1, 0)]
+        table["trim"] = samples["trim"][np.maximum(after - 1, 0)]
         table["manoeuvre"] = np.where(same, samples["manoeuvre"][after], BETWEEN)
         table[place] = samples
         return table

@@ -438,14 +438,14 @@ def _between(recording: Recording, rows: slice, trims: TrimSteps) -> dict[str, n
 
     Channels are from trim, as recorded where that is unknown.
     """
-    n = rows.stop - rows.start
+    n, trim = rows.stop - rows.start, trims.at(recording.t[rows])
     unknown = np.full(n, np.nan)
     attitude = [
         recording.attitude[key][rows] if key in recording.attitude else unknown for key in ATTITUDE
     ]
     return {
         "t": recording.t[rows],
-        "y": recording.y[rows] - np.nan_to_num(trims.at(recording.t[rows])),
+        "y": recording.y[rows] - np.nan_to_num(trim),
         "p_value": unknown.copy(),
         "withdrawn": unknown.copy(),
         "alert": np.zeros(n, bool),
@@ -453,6 +453,7 @@ def _between(recording: Recording, rows: slice, trims: TrimSteps) -> dict[str, n
         "manoeuvre": np.full(n, BETWEEN, np.int16),
         "y_hat": np.full(recording.y[rows].shape, np.nan),
         "attitude": np.column_stack(attitude),
+        "trim": trim,
     }
 
 

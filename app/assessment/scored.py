@@ -21,11 +21,11 @@ def sample_type(n_channels: int) -> np.dtype:
     """Type of a scored sample.
 
     t: [s].   y: from trim, as assessed, as recorded where its trim is unknown, NaN where not
-    recorded; between manoeuvres, from the trim of the one before.   p_value: NaN unless state is
+    recorded.   p_value: NaN unless state is
     `ok`.   withdrawn: p-value where the monitor was not applicable, NaN elsewhere.   alert: false
     unless state is `ok`.   state: index into core.monitor.assessment.STATES.   manoeuvre: number,
     or BETWEEN.   y_hat: forecast, NaN without one.   attitude: phi, theta, psi [rad], NaN where not
-    recorded.
+    recorded.   trim: that y is measured from; NaN where unknown.
     """
     return np.dtype(
         [
@@ -38,6 +38,7 @@ def sample_type(n_channels: int) -> np.dtype:
             ("manoeuvre", "<i2"),
             ("y_hat", "<f8", (n_channels,)),
             ("attitude", "<f8", (3,)),
+            ("trim", "<f8", (n_channels,)),
         ]
     )
 

@@ -80,19 +80,20 @@ class TrimSteps(NamedTuple):
     @classmethod
     def of_samples(cls, t: Array, levels: Array) -> Self:
         """levels: (n, n_channels) trim of each sample at t (n,)."""
-        bits = levels.view(np.int64)
+        bits = np.ascontiguousarray(levels).view(np.int64)
         changes = np.append(True, (bits[1:] != bits[:-1]).any(axis=1))
         return cls(t[changes], levels[changes])
 
-    def at(self, t: Array) -> Array:
-        """(n, n_channels) at times (n,) [s]."""
-        return self.values[self._index(t)]
+    def at(self, t: Array | float) -> Array:
+        """(..., n_channels) at times [s]."""
+        return self.values[self.number(t)]
 
     def of_channel(self, c: int, t: Array) -> Array:
         """(n,) of channel c at times (n,) [s]."""
-        return self.values[self._index(t), c]
+        return self.values[self.number(t), c]
 
-    def _index(self, t: Array) -> Indices:
+    def number(self, t: Array | float) -> Indices:
+        """Which of the steps applies at times [s]."""
         return np.maximum(np.searchsorted(self.starts, t, "right") - 1, 0)
 
 

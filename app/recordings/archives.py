@@ -328,4 +328,5 @@ def _samples(path: Path, _stamp: tuple[int, ...], keys: tuple[str, ...]) -> tupl
         samples["y"][:, k], samples["y_hat"][:, k] = values(key), values(f"predicted_{key}")
     for k, angle in enumerate(ANGLES):
         samples["attitude"][:, k] = np.nan if angle in keys else values(angle)
+    samples["trim"] = np.nan
     return samples, make_tiles(samples)

@@ -57,7 +57,13 @@ def open_samples(
 
 
 def _samples(path: Path) -> Samples:
-    return _mapped(path, "y", sample_type)
+    return _mapped(path, _stored_type)
+
+
+def _stored_type(stored: np.dtype) -> np.dtype:
+    """Earlier versions stored none of the newest field, trim."""
+    newest = sample_type(stored["y"].shape[0])
+    return newest if stored.itemsize == newest.itemsize else np.dtype(newest.descr[:-1])
 
 
 def open_tiles(folder: Path, scoring_id: str, expected: str, verified: Verified) -> Samples:
@@ -69,11 +75,15 @@ def open_tiles(folder: Path, scoring_id: str, expected: str, verified: Verified)
 
     def compare(path: Path) -> str:
         samples = open_samples(folder, scoring_id, expected, verified)
-        is_intact = digest(make_tiles(samples)) == digest(_mapped(path, "low", tile_type))
+        is_intact = digest(make_tiles(samples)) == digest(_mapped(path, _tile_type))
         return expected if is_intact else ""
 
     verified.check(path, expected, REMEDY, compare)
-    return _mapped(path, "low", tile_type)
+    return _mapped(path, _tile_type)
+
+
+def _tile_type(stored: np.dtype) -> np.dtype:
+    return tile_type(stored["low"].shape[0])
 
 
 def remove(folder: Path, scoring_id: str) -> None:
@@ -81,11 +91,11 @@ def remove(folder: Path, scoring_id: str) -> None:
         (folder / f"{scoring_id}.{kind}").unlink(missing_ok=True)
 
 
-def _mapped(path: Path, of_channels: str, type_of: Callable[[int], np.dtype]) -> Samples:
-    """A stored array of structures. of_channels: a field with one value for each channel."""
+def _mapped(path: Path, type_of: Callable[[np.dtype], np.dtype]) -> Samples:
+    """A stored array of structures. type_of: from the type in its file."""
     try:
         stored = np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
-        return stored.view(type_of(stored.dtype[of_channels].shape[0]))
+        return stored.view(type_of(stored.dtype))
     except FileNotFoundError:
         raise
     except (OSError, ValueError, TypeError, EOFError, KeyError, IndexError) as error:

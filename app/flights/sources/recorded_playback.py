@@ -18,6 +18,7 @@ from app.assessment.limits_history import InForceTimeline
 from app.assessment.planned_test import PlannedTest, known_test
 from app.assessment.rulings import InForceFrom, Ruling
 from app.assessment.scorer import ReceivedExceedance
+from app.assessment.trim import TrimSteps
 from app.flights.planned_card import first_input
 from app.flights.sources.playback import Angles, StoredScript, onsets
 from app.recordings.scoring_answers import reason
@@ -76,14 +77,9 @@ class RecordedScript(StoredScript):
         self._display = DisplayAttitude(theta0)
         self._displayed = -1
         self._display_scripts = display
-        known = [s.get("trim") or () for s in manoeuvres]
-        none = [0.0] * samples["y"].shape[1]
-        trims = [[value or 0.0 for value in trim] or none for trim in known]
-        biases = biases or none
-        self._offsets = np.array([*trims, none]) + biases
-        unknown = [[nan if value is None else 0.0 for value in trim] or none for trim in known]
-        self._unknown = np.array([*unknown, none])
-        self._starts = np.array([s.get("first", 0) for s in manoeuvres])
+        n_channels = samples["y"].shape[1]
+        self._trims = self._trims_of(samples, manoeuvres)
+        self._biases = np.array(biases or [0.0] * n_channels)
         first = [(e, False) for e in judged] + [(e, bool(e.get("doubt"))) for e in outside]
         first += [(e, True) for s in manoeuvres if (e := s.get("recorded_exceedance"))]
         worst = [(e, not s["exceedance"]) for s in manoeuvres for e in s.get("worst", ())]
@@ -96,20 +92,27 @@ class RecordedScript(StoredScript):
         self._scored = defaultdict[int, list[tuple[Mapping[str, Any], bool]]](list)
         for each, is_raw in (*first, *worst):
             self._scored[self._known_at(each["t"])].append((each, is_raw))
-        self._far: list[Mapping[str, int]] = []
+        self._check: TrimCheck | None = None
         if monitor is not None:
             self._follow(monitor)
             planned = known_test(monitor)
             onsets_of = (self._begins(each, planned) for each in manoeuvres)
             self.begun = [t for t in onsets_of if t is not None]
-            if any(map(any, trims)):
-                check = TrimCheck(monitor.dictionary, monitor.envelope)
-                begins = [0, *self._starts[1:].tolist()]  # before the first, values count from it
-                levels = self._offsets + self._unknown - biases
-                for begin, trim in zip(begins, levels[:-1], strict=True):
-                    check.note(float(self.t[begin]), trim)
-                    self._far.append(check.far)
-                self.trims = list(check.changes)
+            if np.nan_to_num(self._trims.values).any():
+                self._check = TrimCheck(monitor.dictionary, monitor.envelope)
+                # before the first manoeuvre, values count from its trim
+                begins = np.append(self.t[:1], self._trims.starts[1:])
+                self._check.note_all(begins, self._trims.values)
+                self.trims = list(self._check.changes)
+
+    def _trims_of(self, samples: npt.NDArray, manoeuvres: Sequence[Mapping[str, Any]]) -> TrimSteps:
+        """As stored; earlier versions stored only that of each manoeuvre, until the next one."""
+        if "trim" in (samples.dtype.names or ()):
+            return TrimSteps.of_samples(self.t, samples["trim"])
+        none = [0.0] * samples["y"].shape[1]
+        known = [[nan if v is None else v for v in s.get("trim") or none] for s in manoeuvres]
+        starts = self.t[[s.get("first", 0) for s in manoeuvres]] if manoeuvres else self.t[:1]
+        return TrimSteps(starts, np.array(known or [none]))
 
     def _begins(self, manoeuvre: Mapping[str, Any], planned: PlannedTest) -> float | None:
         """Time of the first input of a manoeuvre [s]; None where no control departs."""
@@ -141,17 +144,19 @@ class RecordedScript(StoredScript):
         ]
 
     def recorded(self, k: int) -> Array:
-        """Sample k with bias and trim, (n_channels,); between manoeuvres by the last one's trim."""
-        return self.samples["y"][k] + self._offsets[self._last_manoeuvre(k)]
+        """Sample k with bias and trim, (n_channels,)."""
+        return self.samples["y"][k] + self._subtracted(k)
 
     def far(self, k: int) -> Mapping[str, int]:
-        return self._far[self._last_manoeuvre(k)] if self._far else {}
+        return self._check.far_at(self._trims.at(self.t[k])) if self._check else {}
 
     def judged(self, k: int) -> Array:
-        return self.samples["y"][k] + self._unknown[self._last_manoeuvre(k)]
+        trim = self._trims.at(self.t[k])
+        return np.where(np.isnan(trim), nan, self.samples["y"][k])
 
-    def _last_manoeuvre(self, k: int) -> int:
-        return max(int(np.searchsorted(self._starts, k, "right")) - 1, 0)
+    def _subtracted(self, k: Indices | int) -> Array:
+        """Trim and bias, (..., n_channels)."""
+        return np.nan_to_num(self._trims.at(self.t[k])) + self._biases
 
     def received(self, k: int, limits: Envelope | None) -> Sequence[ReceivedExceedance]:
         """The recorded samples with which an exceedance began or was worst, as it was scored."""
@@ -160,8 +165,9 @@ class RecordedScript(StoredScript):
             t, value, c = each["t"], each["value"], self.keys.index(each["channel"])
             if limits is None or not limits.is_beyond(c, value):
                 continue
-            m = self._last_manoeuvre(self._at(t))
-            offset = float(self._offsets[m, c] + self._unknown[m, c])
+            at = self._at(t)
+            is_known = bool(np.isfinite(self._trims.at(self.t[at])[c]))
+            offset = self._subtracted(at).item(c) if is_known else nan
             is_plausible = each.get("doubt") != NOT_PLAUSIBLE
             both = (
                 (value - offset if is_plausible else nan, value)
@@ -178,8 +184,7 @@ class RecordedScript(StoredScript):
         if limits is None:
             return np.empty(0, np.int64)
         y = self.samples["y"]
-        before = np.searchsorted(self._starts, np.arange(len(y)), "right") - 1
-        recorded = y + self._offsets[np.maximum(before, 0)]
+        recorded = y + self._subtracted(np.arange(len(y)))
         over = limits.exceeds(y) | limits.exceeds(recorded)
         for k in self._scored:
             over[k] |= bool(self.received(k, limits))

@@ -1,14 +1,19 @@
 """A scored recording as a flight: what was scored is what is played, and nothing else."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
+from app.assessment import sample_type
 from app.flights.sources.recorded_playback import RecordedScript
 from app.flights.sources.replay import TrackFlight
 from app.flights.transport import NotPossible
+from app.recordings.files import Verified
+from app.recordings.samples import digest, open_samples, save_samples
+from core.channels import KEYS
 from core.limits.limits import Limits
 from core.monitor import State
 from core.monitor.assessment import REASONS, STATES
@@ -17,7 +22,7 @@ from core.simulation.attitude import attitude
 from tests.support.flying import ScriptedClock, Seen, SilentRecorder, exact_monitor, plan
 from tests.support.samples import SAMPLE_LIKE
 
-DT, N = 0.05, 200
+DT, N, NY = 0.05, 200, KEYS.index("Ny")
 INVALID, WARMING_UP = STATES.index(State.INVALID), STATES.index(State.WARMING_UP)
 
 
@@ -192,3 +197,33 @@ def test_a_replay_shows_the_worst_value_that_the_sensor_gave(samples: npt.NDArra
             clock.advance(0.01)
         (of_channel,) = flight.exceedances.of_channels
         assert (of_channel.worst, of_channel.worst_t) == (worst, t)
+
+
+def test_values_as_recorded_count_from_the_trim_stored_with_each_sample() -> None:
+    samples = np.zeros(N, sample_type(6))
+    samples["t"] = DT * np.arange(N)
+    samples["trim"][100:, NY] = 0.3
+    samples["trim"][150:, NY] = np.nan
+    manoeuvres = [
+        {**MANOEUVRES[0], "first": 0, "trim": [0.0] * 6, "alerts": [], "exceedance": None}
+    ]
+    played = RecordedScript(samples, manoeuvres, DT, forecasts=True, biases=[0.0, 0, 0, 0.1, 0, 0])
+    assert [played.recorded(k)[NY] for k in (99, 100, 150)] == pytest.approx([0.1, 0.4, 0.1])
+    assert [np.isnan(played.judged(k)[NY]) for k in (99, 100, 150)] == [False, False, True]
+    assert played.exceeding(Limits(Ny=0.35).envelope).tolist() == [100]
+
+
+def test_samples_of_earlier_versions_count_from_the_trim_of_the_manoeuvre_before(
+    tmp_path: Path,
+) -> None:
+    newest = sample_type(6)
+    stored = np.zeros(N, np.dtype(newest.descr[:-1]))
+    stored["t"] = DT * np.arange(N)
+    save_samples(tmp_path, "old", stored)
+    opened = open_samples(tmp_path, "old", digest(stored), Verified())
+    np.testing.assert_array_equal(opened, stored)
+    trims = [{"first": 50, "trim": [0.0, 0, 0, 0.2, 0, 0]}, {"first": 120, "trim": [None] * 6}]
+    manoeuvres = [MANOEUVRES[1] | each for each in trims]
+    played = RecordedScript(opened, manoeuvres, DT, forecasts=True)
+    assert [played.recorded(k)[NY] for k in (0, 119, 120)] == pytest.approx([0.2, 0.2, 0.0])
+    assert np.isnan(played.judged(120)).all()
