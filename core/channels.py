@@ -3,9 +3,10 @@
 from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from math import degrees, isfinite, pi
-from typing import TYPE_CHECKING, Any, Literal, Self, get_args
+from math import degrees, pi
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
+from core.bounds import Bounds, check_bounds
 from core.kernels import N_CHANNELS
 from core.recipe import instead_of
 
@@ -36,11 +37,11 @@ class Channel:
     unit: str
     label: str
     display_unit: str
-    display_factor: float
-    display_decimals: int
+    display_factor: Annotated[float, Bounds(above=0)]
+    display_decimals: Annotated[int, Bounds(least=0)]
     role: Role = "output"
     reference: Reference = "trim"
-    largest: float | None = None
+    largest: Annotated[float | None, Bounds(above=0)] = None
     group: str = ""
     formula: str = ""
 
@@ -218,26 +219,14 @@ def _channel_of(plain: Mapping[str, Any]) -> Channel:
     if unknown := [name for name in plain if name not in usual]:
         raise ValueError(f"channel {key!r} has {unknown[0]!r}: {instead_of(unknown[0], usual)}")
     given = Channel(**usual | dict(plain))
-    for name, choices in (("role", get_args(Role)), ("reference", get_args(Reference))):
-        if (word := str(getattr(given, name))) not in choices:
-            raise ValueError(f"channel {key!r} has the {name} {word}: {instead_of(word, choices)}")
+    try:
+        check_bounds(given, f"channel {key!r}: ")
+    except TypeError as error:
+        raise ValueError(f"channel {key!r} has text instead of a number: {error}") from error
     for name in ("symbol", "label", "display_unit", "group"):
         if not isinstance(getattr(given, name), str):
             raise ValueError(f"the {name} of channel {key!r} is not text: give text")
-    for name in ("display_factor", "display_decimals", "largest"):
-        value = getattr(given, name)
-        if not _is_number(value) and (name, value) not in USUAL_NUMBERS:
-            raise ValueError(f"channel {key!r} has the {name} {value!r}: give a positive number")
     return given
-
-
-USUAL_NUMBERS = (("largest", None), ("display_decimals", 0))
-"""Fields of a channel with values that are not positive numbers."""
-
-
-def _is_number(value: Any) -> bool:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return is_number and isfinite(value) and value > 0
 
 
 LATERAL = Dictionary(
