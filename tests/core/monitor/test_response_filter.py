@@ -334,19 +334,9 @@ def test_a_manoeuvre_that_is_no_steps_has_no_card(name: str):
         card_of(replace(RECIPE, maneuver=known))
 
 
-@pytest.mark.parametrize(
-    ("part", "value", "words"),
-    [
-        ("steps", np.empty(0), "3 switch times and 0 steps"),
-        ("switch_times", np.array([1.0, 0.5, 2.0]), "must ascend"),
-        ("step_responses", np.zeros((5, 6)), r"shape \(5, 6\)"),
-        ("step_responses", np.full((5, 9, 6), np.nan), "diverged"),
-    ],
-)
-def test_a_card_whose_parts_do_not_fit_is_refused(part: str, value: Array, words: str):
-    card = card_of(RECIPE, 4)
-    with pytest.raises(CardError, match=words):
-        replace(card, **{part: value})
+def test_a_card_of_an_aircraft_that_diverges_is_refused():
+    with pytest.raises(CardError, match="diverged"):
+        replace(card_of(RECIPE, 4), step_responses=np.full((5, 9, 6), np.nan))
 
 
 def test_what_cannot_be_forecast_is_refused_with_what_to_do():

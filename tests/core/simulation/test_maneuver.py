@@ -314,7 +314,7 @@ def test_a_table_of_one_row_is_a_step():
             lambda: Doublet(surface="flap"),  # pyright: ignore[reportArgumentType]
             "surface='flap' was given: choose aileron, rudder, elevator",
         ),
-        (lambda: FrequencySweep(start_hz=0.0), "start_hz=0.0, end_hz=2.0; both must be above zero"),
+        (lambda: FrequencySweep(start_hz=0.0), "start_hz=0.0 was given: it must be positive"),
         (
             lambda: FrequencySweep(spacing="cubic"),  # pyright: ignore[reportArgumentType]
             "spacing='cubic' was given: choose log or linear",
