@@ -77,7 +77,8 @@ class SensorCheck:
     channel: its key.   against: keys of the others, the most important first.
     scale: its reading over theirs.   bias: its reading minus theirs, in its unit.
     delay: [s] by which it is late.   None where unknown.   unchecked: why nothing was measured.
-    remarks: values beyond tolerance, in words.
+    remarks: values beyond tolerance, in words.   suspects: keys of the sensors whose scale alone
+    explains a scale beyond tolerance without contradicting another check.
     """
 
     channel: str
@@ -87,6 +88,7 @@ class SensorCheck:
     delay: Estimate | None = None
     unchecked: str = ""
     remarks: tuple[str, ...] = ()
+    suspects: tuple[str, ...] = ()
 
     @property
     def title(self) -> str:
@@ -100,6 +102,7 @@ class SensorCheck:
             **{name: estimate and estimate._asdict() for name, estimate in estimates.items()},
             "unchecked": self.unchecked,
             "remarks": list(self.remarks),
+            "suspects": list(self.suspects),
         }
 
 
@@ -113,25 +116,42 @@ NAMES = {
     "psi": "heading",
     "V": "airspeed",
 }
+POWERS = {
+    "p": {"p": 1, "phi": -1},
+    "r": {"r": 1, "psi": -1},
+    "beta": {"beta": 1, "r": -1},
+    "Ny": {"Ny": 1, "r": -1, "V": -1},
+    "V": {"V": 1, "r": 1},
+}
+"""By check: the power of each sensor's scale in the measured scale. Accelerometer and bank angle
+are left out of the check of airspeed: each makes only a part of it."""
 
 
 def check_sensors(readings: SensorReadings) -> tuple[SensorCheck, ...]:
     """Compare roll rate, yaw rate, sideslip, lateral acceleration and airspeed with the others."""
     signals = _Signals(readings)
     checks = (_roll_rate(signals), _yaw_rate(signals), *_sideslip(signals))
+    return _remarked(checks, signals.mean_speed)
+
+
+def _remarked(checks: tuple[SensorCheck, ...], speed: float | None) -> tuple[SensorCheck, ...]:
+    """Add remarks and suspects. speed: true airspeed [m/s]."""
     return tuple(
-        replace(check, remarks=(*check.remarks, *_remarks(check, signals.mean_speed)))
+        replace(
+            check, remarks=(*check.remarks, *_remarks(check, suspects, speed)), suspects=suspects
+        )
         for check in checks
+        for suspects in [_suspects(check, checks)]
     )
 
 
-def _remarks(check: SensorCheck, speed: float | None) -> list[str]:
-    """Values beyond tolerance.   speed: true airspeed [m/s]."""
+def _remarks(check: SensorCheck, suspects: tuple[str, ...], speed: float | None) -> list[str]:
     remarks, name, others = [], NAMES[check.channel], _others(check)
     scale, delay, bias = check.scale, check.delay, check.bias
-    if scale and scale.is_beyond(SCALE_TOLERANCE[check.channel], 1.0):
+    if _is_off(check) and scale:
+        sensors = " or ".join(NAMES[key] for key in suspects) or "more than one of them"
         ratio = f"{scale.value:.2f} times ({scale.low:.2f} to {scale.high:.2f})"
-        remarks.append(f"{name} reads {ratio} {others}: check gain, unit and sign of both")
+        remarks.append(f"{name} reads {ratio} {others}: check gain, unit and sign of {sensors}")
     if delay and delay.is_beyond(DELAY_TOLERANCE_S):
         late, against = (name, others) if delay.value > 0.0 else (others, name)
         low, high = sorted((abs(delay.low), abs(delay.high)))
@@ -146,6 +166,35 @@ def _remarks(check: SensorCheck, speed: float | None) -> list[str]:
         value, low, high = np.degrees(bias)
         remarks.append(f"{name} has a bias of {value:.2f} deg/s ({low:.2f} to {high:.2f})")
     return remarks
+
+
+def _suspects(check: SensorCheck, checks: tuple[SensorCheck, ...]) -> tuple[str, ...]:
+    """Sensors whose scale alone explains a check without contradicting another."""
+    if not _is_off(check) or check.scale is None:
+        return ()
+    suspects = []
+    for key, power in POWERS[check.channel].items():
+        scale = check.scale.value**power
+        others = [other for other in checks if other is not check and key in POWERS[other.channel]]
+        if (key == "V" and scale < 0.0) or any(
+            _contradicts(other, scale ** POWERS[other.channel][key]) for other in others
+        ):
+            continue
+        suspects.append(key)
+    return tuple(suspects)
+
+
+def _is_off(check: SensorCheck) -> bool:
+    tolerance = SCALE_TOLERANCE[check.channel]
+    return check.scale is not None and check.scale.is_beyond(tolerance, 1.0)
+
+
+def _contradicts(check: SensorCheck, scale: float) -> bool:
+    """Whether a check measured another scale, by more than the tolerance."""
+    if check.scale is None:
+        return False
+    low, high = sorted((check.scale.low / scale, check.scale.high / scale))
+    return Estimate(1.0, low, high).is_beyond(SCALE_TOLERANCE[check.channel], 1.0)
 
 
 def _others(check: SensorCheck) -> str:

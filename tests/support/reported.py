@@ -88,11 +88,12 @@ def subject_of(monitor: Monitor, manoeuvres: Sequence[dict[str, Any]]) -> Report
                         "scale": {"value": 0.8, "low": 0.78, "high": 0.82},
                         "bias": {"value": 0.01, "low": -0.01, "high": 0.03}, "delay": None,
                         "unchecked": "", "remarks": ["roll rate reads 0.80 times"],
+                        "suspects": ["p", "phi"],
                     },
                     {
                         "channel": "r", "title": "yaw rate against the slope of heading",
                         "scale": None, "bias": None, "delay": None,
-                        "unchecked": "without heading", "remarks": [],
+                        "unchecked": "without heading", "remarks": [], "suspects": [],
                     },
                 ],
                 "sentences": ["beta: 3 gaps."],

@@ -65,7 +65,7 @@ def test_sensors_that_agree_have_no_remarks() -> None:
     for check in checks.values():
         assert check.scale is not None
         assert check.scale.value == pytest.approx(1.0, abs=0.1)
-        assert (check.remarks, check.unchecked) == ((), "")
+        assert (check.remarks, check.suspects, check.unchecked) == ((), (), "")
 
 
 def test_intervals_have_their_coverage() -> None:
@@ -98,12 +98,14 @@ FAULTS: dict[str, tuple[str, Callable[[Array], Array], str, float]] = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_scale_error_is_found(fault: str) -> None:
+def test_a_scale_error_is_found_and_attributed_to_its_sensor(fault: str) -> None:
     key, change, where, scale = FAULTS[fault]
     readings = flown(gust=0.3)
     check = checked(readings | {key: change(readings[key])})[where]
     assert check.scale is not None
     assert check.scale.value == pytest.approx(scale, rel=0.05)
+    angle = {"p": "phi", "r": "psi"}.get(key)
+    assert check.suspects == ((key, angle) if angle else (key,))
     assert "check gain, unit and sign of" in check.remarks[0]
 
 
