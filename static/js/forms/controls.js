@@ -12,7 +12,7 @@
  * inWords(editors, message)    with the labels in place of the program's names;  editors: Map path -> Field
  * createForm({title, word, route, content, fields, send, beside, classes, follow}) -> {element, form, go, refuse(words)}
  *     fields: [{check() -> bool or Promise, editors}]     send() -> Promise; rejects with the reason
- *     beside: nodes after the button.   follow: {api, keep, title(job), done(result)} where send() gives a job
+ *     beside: nodes after the button.   follow: {api, keep, title(job), done(result, back)} where send() gives a job
  */
 
 import { ApiError, needs, reason } from "../lib/api.js";
@@ -243,7 +243,7 @@ export function createForm({ title, word, route, content, fields = [], send, bes
   function watch(job) {
     const { api, keep, title: titleOf, done } = follow;
     const worded = (words) => inWords(editorsOf(fields), words);
-    const progress = keep(createJobProgress({ api, job, title: titleOf(job), worded, done, back }));
+    const progress = keep(createJobProgress({ api, job, title: titleOf(job), worded, done: (result) => done(result, back), back }));
     form.hidden = true;
     stage.append(progress.element);
 

@@ -26,6 +26,7 @@ import { withLimits } from "../lib/limits.js";
 import { warningLines } from "../lib/monitors.js";
 import { capital, count, counted, figure, interval, moment, percent } from "../lib/numbers.js";
 import { createAirframeChoice } from "./airframe.js";
+import { createEpsilonChoice } from "./choose_epsilon.js";
 import { createEpsilonCost } from "./epsilon_cost.js";
 import { calibrationFigure, curvesFigure, leadFigure, preventionFigure } from "./figures.js";
 
@@ -35,7 +36,7 @@ export function showMonitor(element, { id, api, navigate }) {
   const loads = [loadCatalog, `/monitors/${id}`, `/monitors/${id}/calibration`, () => evaluationOf(api, id), `/monitors/${id}/airframe`];
   return loadingView(element, { title: "Monitor", text: "Opening the monitor", loads, build });
 
-  async function build(_, catalog, monitor, calibration, evaluation, airframe) {
+  async function build({ keep }, catalog, monitor, calibration, evaluation, airframe) {
     const { dataset_id: from } = monitor;
     const [dataset, rollouts] = from ? await Promise.all([api.get(`/datasets/${from}`), sampleRollouts(api, from)]) : [];
     const calibrations = calibration.groups.length ? calibration.groups : [calibration];
@@ -80,6 +81,7 @@ export function showMonitor(element, { id, api, navigate }) {
       facts({ monitor, calibration, dataset, evaluation, catalog }),
       evaluation?.calibrated_on && h("p.panel", `${capital(evaluation.calibrated_on.words)}.`),
       cost.element,
+      isKnown ? createEpsilonChoice({ api, id, catalog, navigate, keep }) : null,
       guarantee(monitor, calibration, isKnown, isKnown || Boolean(evaluation?.simulator)),
       methods(evaluation, catalog),
       figurePanels(tested),

@@ -635,6 +635,22 @@ def test_leads_are_swept_on_a_datasets_test(page: Page, site: Site) -> None:
     expect(page.locator(f'a[href="#/monitors/sweep?job={job["id"]}"]')).to_be_visible()
 
 
+def test_an_epsilon_is_chosen_by_fresh_flights(page: Page, site: Site) -> None:
+    page.goto(f"{site.http}/#/monitors/{site.monitor}")
+    page.get_by_text("Choose an epsilon from fresh flights").click()
+    field(page, "epsilon.n_test").fill("400")
+    field(page, "epsilon.most_missed").fill("0.001")
+    page.get_by_role("button", name="Fly and choose").click()
+    expect(page.get_by_text("out of reach: missed at most 0.1 %")).to_be_visible(timeout=SLOW)
+    page.get_by_role("button", name="Back").click()
+    page.get_by_label("Choose", exact=True).select_option("cost")
+    expect(field(page, "epsilon.most_missed")).to_be_hidden()
+    page.get_by_role("button", name="Fly and choose").click()
+    expect(page.get_by_text("Mean cost of a flight")).to_be_visible(timeout=SLOW)
+    page.get_by_role("button", name="Fly it with this epsilon").click()
+    expect(page).to_have_url(re.compile(rf"#/fly\?monitor={site.monitor}&epsilon=0\.\d+"))
+
+
 def test_a_combination_shows_its_members(page: Page, site: Site) -> None:
     stored = site.store.monitors.get(site.monitor)
     again = train(
