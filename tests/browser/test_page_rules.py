@@ -21,6 +21,7 @@ VIEWS = [
     "monitors",
     "monitors/new",
     "monitors/new?recording={recording}",
+    "monitors/combine",
     "monitors/sweep",
     "monitors/{monitor}",
     "nowhere",

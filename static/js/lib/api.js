@@ -23,7 +23,7 @@ const AGAIN = 1000; // ms before it connects again
 const ROLE = "urn:forewarn:role";
 const NO_ANSWER = "The server does not answer. Check that forewarn serve is running, then try again.";
 const BEGUN = {
-  "#/monitors/new": "POST /monitors", "#/monitors/sweep": "POST /sweeps",
+  "#/monitors/new": "POST /monitors", "#/monitors/combine": "POST /monitors/combinations", "#/monitors/sweep": "POST /sweeps",
   "#/datasets/new": "POST /datasets", "#/datasets/rollouts": "POST /datasets", "#/campaigns/new": "POST /campaigns",
 };
 

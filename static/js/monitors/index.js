@@ -1,6 +1,6 @@
 /**
- * The Monitors page: #/monitors lists; #/monitors/new trains one, #/monitors/sweep compares methods and lead times;
- * #/monitors/{id} is one monitor.
+ * The Monitors page: #/monitors lists; #/monitors/new trains one, #/monitors/combine combines several,
+ * #/monitors/sweep compares methods and lead times; #/monitors/{id} is one monitor.
  */
 
 import { fileInput } from "../forms/controls.js";
@@ -10,11 +10,12 @@ import { button, empty, errorLine, guideLink, h, hiddenHead, link, loadingView, 
 import { jobList } from "../lib/job_progress.js";
 import { warningMark } from "../lib/monitors.js";
 import { figure, moment, percent } from "../lib/numbers.js";
+import { showCombining } from "./combine_form.js";
 import { showSweep } from "./lead_sweep.js";
 import { showMonitor } from "./page.js";
 import { showTraining } from "./train_form.js";
 
-const VIEWS = { new: showTraining, sweep: showSweep };
+const VIEWS = { new: showTraining, combine: showCombining, sweep: showSweep };
 
 export function show(element, context) {
   const view = context.id ? (VIEWS[context.id] ?? showMonitor) : showMonitors;
@@ -37,6 +38,7 @@ function showMonitors(element, { api, navigate }) {
         );
     const actions = [
       training(),
+      monitors.length > 1 ? link("Combine monitors", "#/monitors/combine") : null,
       link("Lead-time study", "#/monitors/sweep"),
       link("Monitor sets", "#/sets"),
       uploader(api, navigate),

@@ -16,7 +16,6 @@ from core.monitor import train
 from core.monitor.calibration import Guarantee, failures_needed
 from tests.browser.site import open_site
 from tests.support.glb_file import glb
-from tests.support.patience import until
 
 SMALL = {"n_unsafe": 40, "seed": 5}
 N_TEST = 300
@@ -651,27 +650,32 @@ def test_an_epsilon_is_chosen_by_fresh_flights(page: Page, site: Site) -> None:
     expect(page).to_have_url(re.compile(rf"#/fly\?monitor={site.monitor}&epsilon=0\.\d+"))
 
 
-def test_a_combination_shows_its_members(page: Page, site: Site) -> None:
+def test_two_monitors_are_combined(page: Page, site: Site) -> None:
     stored = site.store.monitors.get(site.monitor)
     again = train(
         site.store.datasets.get(site.dataset), replace(stored.recipe.as_planned(), t_early=0.5)
     )
     later = site.store.monitors.add(again, "later", site.dataset).id
-    asked = {"monitors": [site.monitor, later], "lead": 0.5, "n_unsafe": 60, "n_test": 60}
-    answer = page.request.post(f"{site.http}/api/v1/monitors/combinations", data=asked)
-    assert answer.status == 202
-    job = answer.json()["id"]
-    until(lambda: site.get(f"/jobs/{job}")["status"] == "done")
-    combined = site.get(f"/jobs/{job}")["result"]["monitor"]
-    page.goto(f"{site.http}/#/monitors/{combined}")
-    expect(page.get_by_role("heading", name="2 monitors as one, 0.5 s ahead")).to_be_visible()
+    page.goto(f"{site.http}/#/monitors")
+    page.get_by_role("link", name="Combine monitors").click()
+    page.get_by_role("button", name="Combine").click()
+    expect(page.get_by_text("Choose at least two members")).to_be_visible()
+    for name in ("card 7", "later"):
+        page.get_by_label(name, exact=True).check()
+    expect(page.get_by_label("warning lead time")).to_have_value("0.25")
+    page.get_by_label("warning lead time").select_option("0.5")
+    field(page, "combination.n_unsafe").fill("60")
+    field(page, "combination.n_test").fill("60")
+    page.get_by_role("button", name="Combine").click()
+    title = page.get_by_role("heading", name="2 monitors as one, 0.5 s ahead")
+    expect(title).to_be_visible(timeout=SLOW)
     expect(page.locator(".page-actions")).not_to_contain_text("false")
     expect(page.get_by_text("60 failures", exact=True)).to_be_visible()
     recipe = page.locator(".recipe-columns")
     expect(recipe).to_contain_text("highest risk")
     expect(recipe).to_contain_text("Member 2")
     expect(recipe).to_contain_text("s ahead: past failures and the peak still to come as one")
-    for monitor in (later, combined):
+    for monitor in (later, page.url.rpartition("/")[2]):
         site.store.monitors.delete(monitor)
 
 
