@@ -52,7 +52,7 @@ class Task:
     release: Callable[[], object] = lambda: None
     """Called when it has ended, whether it ran or not."""
     next_save: float = 0.0
-    run: Future[None] | None = None
+    run: Future[None] = field(default_factory=Future[None])
     is_started: bool = False
 
     def progress(self, message: str, done: int, total: int) -> None:
@@ -75,7 +75,8 @@ Work = Callable[[Task], Result]
 class Jobs:
     """The server's long work.
 
-    workers: most running jobs.   queue: most waiting jobs.   scheduler: see `executor_at`.
+    workers: most running jobs, 0: all wait.   queue: most waiting jobs.
+    scheduler: see `executor_at`.
     """
 
     def __init__(
@@ -86,7 +87,7 @@ class Jobs:
         self._live: dict[str, Task] = {}
         self._lock = threading.Lock()
         self._closing = False
-        self._pool = ThreadPoolExecutor(workers, "job")
+        self._pool = ThreadPoolExecutor(workers, "job") if workers else None
 
     @property
     def n_waiting(self) -> int:
@@ -124,7 +125,8 @@ class Jobs:
             )
         task = Task(self.store.jobs.add(kind, request), work, self._on_progress, release=release)
         self._live[task.id] = task
-        task.run = self._pool.submit(self._run, task)
+        if self._pool:
+            task.run = self._pool.submit(self._run, task)
         return task.id
 
     def info(self, job_id: str) -> JobInfo:
@@ -147,7 +149,7 @@ class Jobs:
                 status = self.store.jobs.info(job_id).status
                 raise NotRunning(f"the job is already {status}: nothing to cancel")
             task.stop.set()
-            if task.run and task.run.cancel():
+            if task.run.cancel():
                 self._end(task, status="cancelled", message="cancelled before it started")
 
     async def watch(self, job_id: str, interval: float) -> AsyncIterator[JobInfo | None]:
@@ -184,9 +186,10 @@ class Jobs:
             self._closing = True
             for task in [*self._live.values()]:
                 task.stop.set()
-                if task.run and task.run.cancel():
+                if task.run.cancel():
                     self._end(task, status="interrupted", error=STOPPED)
-        self._pool.shutdown()
+        if self._pool:
+            self._pool.shutdown()
 
     def _run(self, task: Task) -> None:
         task.is_started = True
