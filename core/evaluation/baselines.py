@@ -40,8 +40,6 @@ class Baseline(ABC):
     """A rule of others. It learns from safe flights alone."""
 
     assumption: ClassVar[str]
-    own_level: ClassVar[float] = -1.0
-    """score below which it alerts as its authors mean it, without calibration"""
     dictionary: ClassVar[Dictionary | None] = None
     """the channels that it needs; None: any"""
 
@@ -135,7 +133,6 @@ class InductiveMonitoring(Baseline):
     Iverson, "Inductive System Health Monitoring", 2004; for flight tests in 412TW-PA-16408.
     """
 
-    own_level: ClassVar[float] = 0.0
     assumption: ClassVar[str] = (
         "a sample unlike all samples of safe flights is unsafe, and those before it do not matter"
     )
@@ -152,10 +149,7 @@ class InductiveMonitoring(Baseline):
 
 @dataclass(frozen=True)
 class CurrentShare(Baseline):
-    """Minus the share of its limit that the nearest channel has reached.
-
-    Its own threshold is the limit itself, so it never warns ahead.
-    """
+    """Minus the share of its limit that the nearest channel has reached."""
 
     assumption: ClassVar[str] = (
         "the danger is the current share of the limit, however fast it grows"
@@ -187,11 +181,11 @@ def evaluate_baseline(
     flights: Rollouts | LabelledFlights,
     recipe: MonitorRecipe,
     epsilons: Array,
-) -> tuple[Evaluation, Evaluation]:
-    """Counts over fresh flights: at each of epsilons, and with the level of its authors.
+) -> Evaluation:
+    """Counts over fresh flights at each of epsilons.
 
     It learns from the dataset's safe flights and is calibrated on its failures as it is flown, for
-    the lead and the promise of the recipe. The second counts have one epsilon, NaN.
+    the lead and the promise of the recipe.
     """
     scores, h = baseline.fit(dataset), lead_steps(recipe.t_early, dataset.dt)
     alphas = np.sort(lowest_within(scores(dataset.unsafe), dataset.fail_index - h))
@@ -202,8 +196,4 @@ def evaluate_baseline(
     lowest = lowest_within(scores(flights.y), last)
     silent = p_values(lowest, alphas)[:, np.newaxis] <= above
     silent[last < 0] = True
-    own = lowest[:, np.newaxis] >= baseline.own_level
-    return (
-        count_silent(epsilons, fails, last, silent),
-        count_silent(np.array([np.nan]), fails, last, own),
-    )
+    return count_silent(epsilons, fails, last, silent)

@@ -110,5 +110,5 @@ def plain_threshold(
     if envelope_of(dataset.specification) is None:
         return None
     at = np.array([recipe.epsilon])
-    counts, _ = evaluate_baseline(CurrentShare(), dataset, flights, recipe, at)
+    counts = evaluate_baseline(CurrentShare(), dataset, flights, recipe, at)
     return MethodCounts.of(THRESHOLD, counts)

@@ -93,14 +93,12 @@ class MethodResult(PooledCounts):
 class StudyResult:
     """Every method's counts, and an example.
 
-    methods: by name, those of BASELINES too.   own: counts of each baseline with the level of its
-    authors, at one epsilon that is NaN.   unsafe_rate: unbiased estimate from all collections.
+    methods: by name, those of BASELINES too.   unsafe_rate: unbiased estimate from all collections.
     monitor, flights: the example: first monitor of the first method and its test flights.
     """
 
     recipe: StudyRecipe
     methods: dict[str, MethodResult]
-    own: dict[str, MethodResult]
     unsafe_rate: float
     monitor: Monitor
     flights: Rollouts
@@ -112,9 +110,8 @@ class StudyResult:
 
 
 Evaluations = dict[str, Evaluation]
-Part = tuple[float, Evaluations, Evaluations, tuple[Monitor, Rollouts] | None]
-"""Share of unsafe rollouts, evaluations by method, those of the baselines with the level of their
-authors, and of the first part the example."""
+Part = tuple[float, Evaluations, tuple[Monitor, Rollouts] | None]
+"""Share of unsafe rollouts, evaluations by method, and of the first part the example."""
 
 
 def study(
@@ -133,21 +130,19 @@ def study(
     n_monitors = recipe.n_monitors
     seeds = monitor_seeds(recipe.dataset.seed, n_monitors)
     rates, example = [], None
-    calibrated, own = list[Evaluations](), list[Evaluations]()
+    calibrated = list[Evaluations]()
     with Tasks(executor) as tasks:
         parts = tasks.results(_part, [(recipe, number, *each) for number, each in enumerate(seeds)])
-        for number, (unsafe_rate, evaluated, by_authors, shown) in enumerate(parts):
+        for number, (unsafe_rate, evaluated, shown) in enumerate(parts):
             rates.append(unsafe_rate)
             example = example or shown
             calibrated.append(evaluated)
-            own.append(by_authors)
             if progress:
                 progress(number + 1, n_monitors)
     assert example
     return StudyResult(
         recipe=recipe,
         methods=_pooled(calibrated),
-        own=_pooled(own),
         unsafe_rate=float(np.mean(rates)),
         monitor=example[0],
         flights=example[1],
@@ -178,10 +173,7 @@ def _part(recipe: StudyRecipe, number: int, seed: int, test_seed: int) -> Part:
         name: evaluate(monitor, flights.y, flights.fail_index, epsilons)
         for name, monitor in zip(compared, monitors, strict=True)
     }
-    own: Evaluations = {}
     for name, baseline in baselines_for(dataset.dictionary).items():
-        evaluated[name], own[name] = evaluate_baseline(
-            baseline, dataset, flights, recipe.monitor, epsilons
-        )
+        evaluated[name] = evaluate_baseline(baseline, dataset, flights, recipe.monitor, epsilons)
     example = None if number else (monitors[0], flights)
-    return dataset.unsafe_rate, evaluated, own, example
+    return dataset.unsafe_rate, evaluated, example

@@ -51,13 +51,7 @@ def summary(result: StudyResult) -> dict[str, Any]:
             }
             for name, method in result.methods.items()
         },
-        "others": {
-            name: {
-                "assumption": BASELINES[name].assumption,
-                **{share: getattr(own, share)[0].tolist() for share in SHARES},
-            }
-            for name, own in result.own.items()
-        },
+        "others": _assumptions(result),
     }
 
 
@@ -81,12 +75,14 @@ def table(result: StudyResult) -> str:
         lines.append(f"{name:27}" + "".join(f"{_cell(method, row):^36}" for row in rows))
     lines += [
         "",
-        "rules of others: in the table as calibrated like the monitors, each alert up to the lead "
-        "counted; here with the threshold of their authors, without a promise",
+        "rules of others, calibrated like the monitors, each alert up to the lead counted",
+        *(f"{name:27}assumes that {text}" for name, text in _assumptions(result).items()),
     ]
-    for name, own in result.own.items():
-        lines.append(f"{name:27}{_cell(own, 0):^36}  assumes that {BASELINES[name].assumption}")
     return "\n".join(lines)
+
+
+def _assumptions(result: StudyResult) -> dict[str, str]:
+    return {name: BASELINES[name].assumption for name in result.methods if name in BASELINES}
 
 
 def _cell(method: MethodResult, row: int) -> str:

@@ -54,9 +54,8 @@ def test_study_writes_table_data_and_figures(small_studied: tuple[dict[str, byte
     lines = [line for line in printed.splitlines() if line.startswith(tuple(study["methods"]))]
     names = [line[:27].strip() for line in lines]
     assert names == [*study["ranking"], *study["others"]]
-    for line, (name, own) in zip(lines[-4:], study["others"].items(), strict=True):
-        assert f"{own['miss_rate']:.2f} [" in line, name
-        assert own["assumption"] in line
+    for line, assumption in zip(lines[-4:], study["others"].values(), strict=True):
+        assert assumption in line
 
 
 def test_study_repeats_to_the_byte_for_a_seed(small_studied, tmp_path: Path):

@@ -220,19 +220,12 @@ def test_a_rule_of_others_is_calibrated_as_it_is_flown(
             alert = p > above[epsilon] and s < np.inf
             missed[k] += is_unsafe and not alert
             false[k] += alert and not is_unsafe
-    counts, own = evaluate_baseline(
+    counts = evaluate_baseline(
         BASELINES[name], dataset, flights, replace(RECIPE, guarantee=guarantee), epsilons
     )
     np.testing.assert_array_equal(counts.misses, missed)
     np.testing.assert_array_equal(counts.false_alerts, false)
     assert counts.n_unsafe + counts.n_safe == 60
-    assert np.isnan(own.epsilons).all()
-
-
-def test_the_limit_itself_never_warns_ahead(rollouts: tuple[Dataset, Rollouts]):
-    _, own = evaluate_baseline(CurrentShare(), *rollouts, RECIPE, EPSILONS)
-    assert own.misses[0] == own.n_unsafe > 0
-    assert own.false_alerts[0] == 0
 
 
 def test_the_safe_flights_lie_within_the_envelope_and_the_boxes(
@@ -240,9 +233,8 @@ def test_the_safe_flights_lie_within_the_envelope_and_the_boxes(
 ):
     dataset = rollouts[0]
     for name in ("safe envelope", "inductive monitoring"):
-        baseline = BASELINES[name]
-        scores = baseline.fit(dataset)(dataset.safe)
-        assert scores.min() >= baseline.own_level - 1e-12, name
+        scores = BASELINES[name].fit(dataset)(dataset.safe)
+        assert scores.min() >= -1.0 - 1e-12, name
 
 
 def test_the_share_of_one_limit_is_the_papers_current_value(rollouts: tuple[Dataset, Rollouts]):
@@ -250,7 +242,7 @@ def test_the_share_of_one_limit_is_the_papers_current_value(rollouts: tuple[Data
     predictor, score = methods(DatasetRecipe())["current |Ny|"]
     monitor = train(dataset, replace(RECIPE, predictor=predictor, score=score))
     theirs = evaluate(monitor, flights.y, flights.fail_index, EPSILONS)
-    ours, _ = evaluate_baseline(CurrentShare(), dataset, flights, RECIPE, EPSILONS)
+    ours = evaluate_baseline(CurrentShare(), dataset, flights, RECIPE, EPSILONS)
     np.testing.assert_array_equal(ours.misses, theirs.misses)
     np.testing.assert_array_equal(ours.false_alerts, theirs.false_alerts)
 

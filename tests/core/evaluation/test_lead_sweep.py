@@ -72,7 +72,7 @@ def test_rules_of_others_are_counted_at_each_lead() -> None:
         for number, (seed, _) in enumerate(monitor_seeds(SMALL.seed, SMALL.n_monitors)):
             test = replace(TESTS["F-16"], seed=seed, n_unsafe=SMALL.n_unsafe)
             flights, at = evaluation_flights(test, SMALL.n_test), np.array([0.1])
-            alone, _ = evaluate_baseline(BASELINES[name], collect(test), flights, settings, at)
+            alone = evaluate_baseline(BASELINES[name], collect(test), flights, settings, at)
             assert cell.misses[number] == alone.misses[0]
             assert cell.false_alerts[number] == alone.false_alerts[0]
 
