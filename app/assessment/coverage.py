@@ -147,16 +147,17 @@ def why_alert_unknown(t: Array, state: Indices, dt: float) -> str:
     )
 
 
-def why_limits_unknown(t: Array, unknown: Flags) -> str:
+def why_limits_unknown(t: Array, unknown: Flags, what: str = "limits") -> str:
     """Why "no exceedance" is uncertain, because the limits in force are unknown; "" if certain.
 
-    t: (n,) samples of a manoeuvre [s].   unknown: (n,) whether the limits at it are.
+    t: (n,) samples of a manoeuvre [s].   unknown: (n,) whether the limits at it are.   what: else
+    is unknown.
     """
     if not unknown.any():
         return ""
     begin, end = _longest_run(unknown)
     return (
-        f"limits unknown from {t[begin]:.2f} to {t[end - 1]:.2f} s, {unknown.sum()} of "
+        f"{what} unknown from {t[begin]:.2f} to {t[end - 1]:.2f} s, {unknown.sum()} of "
         f"{len(unknown)} samples in total; {MAY_HAVE_EXCEEDED}"
     )
 

@@ -448,10 +448,12 @@ def verdict_of(manoeuvre: Mapping[str, Any], promised: float | None = None) -> s
 
     promised: of scorings by earlier versions, which do not have it [s].
     """
+    raw = manoeuvre.get("recorded_exceedance")
     if manoeuvre["exceedance"] is not None:
         promised = manoeuvre.get("promised", promised)
-        return exceedance_verdict(manoeuvre["outcome"], manoeuvre["lead"], promised)
-    raw = manoeuvre.get("recorded_exceedance")
+        text = exceedance_verdict(manoeuvre["outcome"], manoeuvre["lead"], promised)
+        t = manoeuvre["exceedance"]["t"]
+        return text if raw is None else after_recorded(text, t, raw["t"], raw.get("doubt", ""))
     return "" if raw is None else recorded_verdict(raw.get("doubt", ""))
 
 
@@ -460,6 +462,17 @@ def recorded_verdict(doubt: str) -> str:
     if doubt == NOT_PLAUSIBLE:
         return f"{EXCEEDED}, {doubt}"
     return f"{EXCEEDED} as recorded, {doubt or 'not from trim'}"
+
+
+def after_recorded(text: str, t: float, recorded_t: float, doubt: str) -> str:
+    """The verdict on an exceedance from trim at t [s], naming one as recorded that came before.
+
+    Less than APART before, they are one exceedance.
+    """
+    if recorded_t > t - APART:
+        return text
+    first = recorded_verdict(doubt).replace(EXCEEDED, f"{EXCEEDED} first at {recorded_t:.2f} s", 1)
+    return f"{first}, and from trim at {t:.2f} s{text.removeprefix(EXCEEDED)}"
 
 
 APART = 1.0

@@ -4,7 +4,7 @@ A recording is a source whose samples have all arrived: that of a live flight in
 the times of their arrival, an uploaded file in the order of time.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf, nan
@@ -29,7 +29,7 @@ from app.assessment.limits_history import (
     SetHistory,
     limits_over_time,
 )
-from app.assessment.outcome import RecordedExceedance, warned_at
+from app.assessment.outcome import Hole, RecordedExceedance, holes_in, warned_at
 from app.assessment.planned_test import PlannedTest, needed_channels, planned_test
 from app.assessment.scored import BETWEEN
 from app.assessment.trim import CausalTrim, FollowedManoeuvre, TrimSteps
@@ -162,6 +162,24 @@ class RecordedFlight:
                 for (begin, end), at in zip(alerts, shown[rows].tolist(), strict=True)
             )
         )
+
+    def holes(self, keys: Iterable[str], start: float, end: float) -> list[Hole]:
+        """Where channels have no sample between two times [s]: of a live flight, none was shown.
+
+        Its samples that came too late to be shown are missing, as they were to its crew.
+        """
+        is_shown, keys_of_y = self.grid.shown is not None, self.monitor.dictionary.keys
+        holes = list[Hole]()
+        for key in keys:
+            if is_shown:
+                t, values = self.recording.t, self.recording.y[:, keys_of_y.index(key)]
+            elif (trace := self.judged.channels.get(key)) is None:
+                continue
+            else:
+                t, values = trace.t, trace.values
+            part = slice(*np.searchsorted(t, (start - SAME_TIME, end + SAME_TIME)).tolist())
+            holes += holes_in(key, t[part][np.isfinite(values[part])], start, end)
+        return holes
 
     def is_before(self, row: int, exceedance: RecordedExceedance) -> bool:
         """Whether a sample was shown before an exceedance was judged."""

@@ -19,14 +19,13 @@ from app.assessment.coverage import (
 from app.assessment.limits_history import LimitsHistory, SetHistory
 from app.assessment.outcome import (
     MOST_OUTSIDE,
-    Hole,
     Limited,
     RecordedExceedance,
     against_limits,
     alert_times,
     exceedances_outside,
-    holes_in,
     lasting,
+    lost_in,
     notes_on_outside,
     outcome,
 )
@@ -209,6 +208,12 @@ class JudgedSegment:
         return self.segment.last + 1
 
     @property
+    def interval(self) -> tuple[float, float]:
+        """Its first and last time [s]."""
+        t = self.assessed.recording.t
+        return float(t[self.first]), float(t[self.stop - 1])
+
+    @property
     def is_missing(self) -> bool:
         """Whether every sample lacks a channel that the monitor needs."""
         y = self.assessed.recording.y[self.begin : self.stop]
@@ -346,15 +351,12 @@ def _missing_outside(flight: RecordedFlight, judged: list[JudgedSegment]) -> tup
     t = flight.recording.t
     start, end = float(t[0]), float(t[-1])
     inside = [(t[each.first], t[each.stop - 1]) for each in judged]
-    holes = list[Hole]()
-    for key in {peak.channel: None for each in judged for peak in each.limited.peaks}:
-        if (trace := flight.judged.channels.get(key)) is not None:
-            known = trace.t[np.isfinite(trace.values)]
-            holes += [
-                hole
-                for hole in holes_in(key, known, start, end)
-                if all(hole.end <= first or hole.start >= last for first, last in inside)
-            ]
+    keys = {peak.channel: None for each in judged for peak in each.limited.peaks}
+    holes = [
+        hole
+        for hole in flight.holes(keys, start, end)
+        if all(hole.end <= first or hole.start >= last for first, last in inside)
+    ]
     why = why_exceedance_unknown(holes, end - start, flight.monitor.dt)
     return (f"Data missing outside every manoeuvre: {why}.",) if why else ()
 
@@ -510,9 +512,13 @@ def _verdict(
     elif judged.unknown:
         why = judged.unknown
     elif exceedance is None:
-        about = limited, judged.assessments, None if peak is None and not is_missing else alerts
         keys = {peak.channel for peak in limited.peaks}
-        why = why_outcome_unknown(*about, flight.monitor.dt) or _why_frozen(flight, part["t"], keys)
+        shown = limited._replace(holes=tuple(flight.holes(keys, *judged.interval)))
+        about = judged.assessments, None if peak is None and not is_missing else alerts
+        why = why_outcome_unknown(shown, *about, flight.monitor.dt)
+        if why and lost_in(shown.holes) > limited.lost + 0.5 * flight.monitor.dt:
+            lines.append("samples that came too late to be shown are recorded, judged here alone")
+        why = why or _why_frozen(flight, part["t"], keys)
     elif (not is_withdrawn or is_missing) and not _was_silent(judged) and result != "unassessed":
         about = limited, exceedance, judged.assessments, warned, promised
         why = why_warning_unknown(*about, flight.monitor.dt)

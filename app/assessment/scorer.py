@@ -174,7 +174,10 @@ class GridMonitor:
             reason, cause = lost
             return assessment._replace(reason=reason, cause=cause)
         if without := self._missing(y, "has no trim", "have no trim"):
-            return withdrawn(sample.t, f"{without}: the aircraft moved before the manoeuvre")
+            limits = self.monitor.envelope
+            is_limited = limits is not None and (np.isnan(y) & limits.limited).any()
+            why = f"{without}: the aircraft moved before the manoeuvre"
+            return withdrawn(sample.t, why, Cause.TRIM_UNKNOWN if is_limited else None)
         return assessment
 
     def _lost(self, sample: Sample) -> tuple[str, Cause] | None:

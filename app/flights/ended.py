@@ -57,7 +57,10 @@ NO_SAMPLE: NewestState = STATES.index(State.WARMING_UP), "no sample came", None
 MOST_BEFORE = 10_000
 """Samples before an exceedance that are read: more than those of a manoeuvre."""
 INVALID, STALE = STATES.index(State.INVALID), STATES.index(State.STALE)
-LIMITS_UNKNOWN = CAUSES.index(Cause.LIMITS_UNKNOWN)
+LIMITS_UNKNOWN = {
+    CAUSES.index(Cause.LIMITS_UNKNOWN): "limits",
+    CAUSES.index(Cause.TRIM_UNKNOWN): "limit from trim",
+}
 LOST, REST = ([CAUSES.index(cause) for cause in causes] for causes in (DATA_MISSING, RESTS))
 
 
@@ -162,6 +165,7 @@ def _record(summary: Summary, n_open: Counter[Level]) -> Record:
         unassessed=summary.is_assessed is False,
         calibrated=summary.is_calibrated,
         exceeded_t=summary.exceeded_t,
+        ended=True,
     )
     return Record(
         headline=headline(facts),
@@ -240,7 +244,7 @@ def _doubt(
         if alarm.kind == "frozen" and is_counted:  # which ones, old alarms do not record
             return no_verdict("unseen", alarm.reason or "")
 
-    def missing(start: float, end: float) -> str:
+    def missing(start: float, end: float, since: float) -> str:
         inside = (t >= start) & (t <= end)
         holes = [
             hole
@@ -248,12 +252,12 @@ def _doubt(
             if key in limited
             for hole in holes_in(key, t[is_known & inside], start, end)
         ]
-        return why_exceedance_unknown(holes, end - start, dt)
+        return why_exceedance_unknown(holes, end - since, dt)
 
     with suppress(Damaged):  # then samples are missing
         if verdict := _of_manoeuvres(store, info, used[0], alarms, missing):
             return verdict
-    why = missing(float(t[0]), float(t[-1]))
+    why = missing(float(t[0]), float(t[-1]), float(t[0]))
     return no_verdict("unseen", why) if why else None
 
 
@@ -262,11 +266,12 @@ def _of_manoeuvres(
     info: FlightInfo,
     monitor: MonitorInfo,
     alarms: Sequence[Alarm],
-    missing: Callable[[float, float], str],
+    missing: Callable[[float, float, float], str],
 ) -> Verdict | None:
     """The verdict on a live flight without all samples or limits, or that ends too early.
 
     missing: why an exceedance between two times [s] would not have been seen; empty if it would.
+    The third one [s] is from where the share of the missing samples counts.
     """
     stored = store.flights.assessments(info.id)
     number = stored.manoeuvre if (stored.manoeuvre != UNKNOWN).all() else _by_causes(stored)
@@ -275,7 +280,7 @@ def _of_manoeuvres(
     edges = [0, *(1 + np.flatnonzero(np.diff(number))).tolist(), len(number)]
     known = store.monitors.get(info.monitor_id)
     if not number.any():
-        why = missing(float(stored.t[0]), float(stored.t[-1]))
+        why = missing(float(stored.t[0]), float(stored.t[-1]), float(stored.t[0]))
         why = why or why_unflown_unknown(known, stored.t, stored.y)
         return no_verdict("unseen", why) if why else None
     planned, before = known_test(known), 0
@@ -284,14 +289,15 @@ def _of_manoeuvres(
         if not number[first]:
             continue
         begin, before = max(before, first - n_trim), stop
-        why = missing(float(stored.t[begin]), float(stored.t[stop - 1]))
+        why = missing(*(float(stored.t[k]) for k in (begin, stop - 1, first)))
         if not (why or stored.alert[first:stop].any()):
             why = why_alert_unknown(stored.t[first:stop], state[first:stop], monitor.dt)
         if why:
             return no_verdict("unseen", why)
-        unknown = stored.cause[first:stop] == LIMITS_UNKNOWN
-        if why := why_limits_unknown(stored.t[first:stop], unknown):
-            return no_verdict("invalid", why)
+        part = stored.t[first:stop], stored.cause[first:stop]
+        for cause, what in LIMITS_UNKNOWN.items():
+            if why := why_limits_unknown(part[0], part[1] == cause, what):
+                return no_verdict("invalid", why)
         if stop < len(number):
             continue
         flown = float(stored.t[stop - 1] - stored.t[first])

@@ -14,6 +14,7 @@ from app.assessment.outcome import (
     OUTSIDE,
     Outcome,
     RecordedExceedance,
+    after_recorded,
     exceedance_verdict,
     lasting,
     outcome,
@@ -102,13 +103,24 @@ class SampleCause(NamedTuple):
 
 
 def verdict(alarms: Iterable[Alarm], circumstances: Circumstances = AS_FLOWN) -> Verdict | None:
-    """How the first exceedance from trim was warned of; None without an exceedance."""
-    promised, jumped, withdrawn, unassessed, invalid_t, live, longest, controls = circumstances
+    """How the first exceedance from trim was warned of; None without an exceedance.
+
+    One as recorded that came before is named.
+    """
     alarms = [*alarms]
-    jumped &= not live
     first, raw = first_exceedance(alarms), _first(alarms)
-    if first is None:
+    if first is None or raw is None:
         return None if raw is None else _as_recorded(raw.t, raw)
+    from_trim = _from_trim(first, alarms, circumstances)
+    if raw.exceedance is None:
+        return from_trim
+    text = after_recorded(from_trim.text, first.t, raw.t, raw.exceedance.doubt)
+    return from_trim.model_copy(update={"text": text})
+
+
+def _from_trim(first: Alarm, alarms: Sequence[Alarm], circumstances: Circumstances) -> Verdict:
+    promised, jumped, withdrawn, unassessed, invalid_t, live, longest, controls = circumstances
+    jumped &= not live
     alerts = sorted(
         _warned(alarm, first, live)
         for alarm in alarms

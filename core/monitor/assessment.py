@@ -24,7 +24,8 @@ class State(StrEnum):
 
 class Cause(StrEnum):
     """Causes of `invalid`: outside every manoeuvre, other limits in force, needed channels missing,
-    or the sample lost to its time, rate or an implausible value; none where the monitor was
+    the sample lost to its time, rate or an implausible value, or no trim of a limited channel; none
+    where the monitor was
     withdrawn by its validity. And, of `warming_up`, what a flight between manoeuvres waits for:
     trim at rest, stillness, or the next input."""
 
@@ -36,6 +37,7 @@ class Cause(StrEnum):
     READY = "ready"
     MISSING = "missing"
     LOST = "lost"
+    TRIM_UNKNOWN = "trim_unknown"
 
 
 CAUSES = None, *Cause

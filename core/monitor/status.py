@@ -51,6 +51,7 @@ class Facts(NamedTuple):
     exceeded_t: first exceedance so far [s], even if the replay was moved back; None for none.
     exceeded_as_recorded: it is one of the value as recorded, not from trim.
     predicted: the newest forecast of the rest of the test card exceeds a limit.
+    ended: the flight has; then an exceedance has precedence over the state of its newest sample.
     """
 
     exceeds: bool = False
@@ -67,6 +68,7 @@ class Facts(NamedTuple):
     predicted: bool = False
     exceeded_as_recorded: bool = False
     no_data: bool = False
+    ended: bool = False
 
 
 class Headline(NamedTuple):
@@ -182,6 +184,8 @@ def headline(facts: Facts) -> Headline:
         Status.OK: True,
     }
     worst = next(status for status in Status if holds[status])
+    if facts.ended and exceeded and LEVELS[worst] is not Level.WARNING:
+        worst = Status.EXCEEDED
     always = {
         Status.STALE: facts.stale,
         Status.INVALID: facts.invalid,

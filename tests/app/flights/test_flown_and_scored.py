@@ -267,6 +267,61 @@ def test_a_limit_exceeded_just_after_a_manoeuvre_is_outside_in_both(tmp_path: Pa
     assert len(both.scored.outside_exceedances) == 1
 
 
+def test_samples_too_late_to_be_shown_are_missing_in_both(tmp_path: Path) -> None:
+    """The scoring has them: that they exceed no limit is an addition, not another verdict."""
+    y = doublets(fail=False)[0]
+    link = np.zeros(len(y))
+    link[BEGINS + 20 : BEGINS + 26] = 1.0
+    both = flown_and_scored(tmp_path, late(y, link))
+    assert words(both) == ("DATA MISSING", "DATA MISSING")
+    (manoeuvre,) = both.scored.manoeuvres
+    why = text_of(both.record).partition(": ")[2]
+    late_ones, missing, within, *_ = manoeuvre.remarks
+    assert "too late to be shown" in late_ones
+    assert missing == f"data missing: {why}"
+    assert within.startswith("no recorded sample exceeded a limit: |Ny|")
+
+
+@pytest.mark.parametrize(
+    ("ny", "status", "word"),
+    [
+        (0.9, "exceeded", "LIMIT EXCEEDED as recorded, trim unknown"),
+        (0.1, "invalid", "INVALID: limit from trim unknown"),
+    ],
+)
+def test_without_a_trim_an_exceedance_is_as_recorded_or_unknown(
+    tmp_path: Path, ny: float, status: str, word: str
+) -> None:
+    """The flight begins while the aircraft moves. ny: of its first sample [g]."""
+    y = doublets(fail=False)[0][BEGINS + 6 :].copy()
+    y[0, NY] = ny
+    both = flown_and_scored(tmp_path, in_order(y))
+    assert text_of(both.record).startswith(word)
+    assert [each.outcome for each in both.scored.manoeuvres] == ["invalid"]
+    store = open_store(tmp_path / "store.db")
+    (info,) = store.flights.all()
+    for alarm in store.alarms.of(info.id):
+        store.alarms.acknowledge(info.id, alarm.number, "Ann")
+    acknowledged = records(store, [info])[info.id].headline
+    store.close()
+    assert acknowledged.status == status
+    assert acknowledged.level == "caution"
+
+
+def test_an_exceedance_as_recorded_before_one_from_trim_is_named_first(tmp_path: Path) -> None:
+    y = doublets(fail=True)[0].copy()
+    y[BEGINS:, NY] += np.where(np.arange(len(y) - BEGINS) < 3, -0.45, 0.0)
+    y[:, NY] -= 0.1
+    both = flown_and_scored(tmp_path, in_order(y))
+    (manoeuvre,) = both.scored.manoeuvres
+    raw, first = manoeuvre.recorded_exceedance, manoeuvre.exceedance
+    assert raw is not None
+    assert first is not None
+    text = f"LIMIT EXCEEDED first at {raw.t:.2f} s as recorded, not from trim, and from trim at "
+    assert text_of(both.record).startswith(f"{text}{first.t:.2f} s, ")
+    assert verdict_of(asdict(manoeuvre)) == text_of(both.record)
+
+
 def test_an_alert_in_another_manoeuvre_warns_of_nothing(tmp_path: Path) -> None:
     y = np.concatenate([doublets(fail=False)[3], doublets(fail=True)[1]])
     both = flown_and_scored(tmp_path, in_order(y))

@@ -65,6 +65,8 @@ def test_the_order_is_the_contract_s() -> None:
 def test_the_headline_is_the_worst_that_is_true() -> None:
     for facts in EVERY:
         said = true_of(facts)
+        if facts.ended and "exceeded" in said:
+            said &= {"exceeding", "alarm", "risk", "exceeded"}
         assert headline(facts).status == next(word for word in WORST_FIRST if word in said), facts
 
 
