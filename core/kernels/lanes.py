@@ -109,7 +109,7 @@ def _writer(numba_type, llvm_type):
 
 
 load, store = _reader(lanes, _VECTOR), _writer(lanes, _VECTOR)
-load_whole, store_whole = _reader(whole_lanes, _INTEGERS), _writer(whole_lanes, _INTEGERS)
+load_whole = _reader(whole_lanes, _INTEGERS)
 read, write = _reader(types.float64, _REAL), _writer(types.float64, _REAL)
 read_integer, write_integer = _reader(types.int64, _INTEGER), _writer(types.int64, _INTEGER)
 
@@ -275,22 +275,15 @@ def where_greater(typing, a, b, x, y):
     return lanes(lanes, lanes, lanes, lanes), generate
 
 
-def _comparison(instruction: str, operator: str):
-    @intrinsic
-    def compare(typing, a, b):
-        """One bit per lane, lowest for the first lane: whether the comparison holds."""
+@intrinsic
+def at_most(typing, a, b):
+    """One bit per lane, lowest for the first lane: whether a <= b; not for NaN."""
 
-        def generate(context, builder, signature, arguments):
-            holds = getattr(builder, instruction)(operator, *arguments)
-            return builder.zext(builder.bitcast(holds, ir.IntType(WIDTH)), _INTEGER)
+    def generate(context, builder, signature, arguments):
+        holds = builder.fcmp_ordered("<=", *arguments)
+        return builder.zext(builder.bitcast(holds, ir.IntType(WIDTH)), _INTEGER)
 
-        return types.uint64(lanes, lanes), generate
-
-    return compare
-
-
-at_most, differs = _comparison("fcmp_ordered", "<="), _comparison("fcmp_unordered", "!=")
-"""`differs` holds for NaN, `at_most` does not."""
+    return types.uint64(lanes, lanes), generate
 
 
 @intrinsic

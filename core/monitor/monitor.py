@@ -287,26 +287,9 @@ class Monitor:
         samples = self.validity_basis, t, y, assessments.state, assessments.nearest_safe
         whole, withdrawal = compare(*samples, self.last_counted(y)), None
         if (first := whole.first_outside) is not None:
-            reasons = self.judge(t, y, assessments, end=first).reasons
+            reasons = compare(*samples, first).verdict(assessments.y_hat).reasons
             withdrawal = Withdrawal(first, in_words(reasons))
         return whole.verdict(assessments.y_hat), withdrawal
-
-    def judge(
-        self,
-        t: Array,
-        y: Array,
-        assessments: Assessments,
-        end: int | None = None,
-    ) -> ValidityVerdict:
-        """Judge whether a whole manoeuvre is within this monitor's training.
-
-        assessments: of these samples, not withdrawn.   end: last sample that counts, the first that
-        exceeds a limit if one does.
-        """
-        if self.validity_basis is None:
-            return ValidityVerdict(None, reasons=(NOT_CALIBRATED,))
-        samples = self.validity_basis, t, y, assessments.state, assessments.nearest_safe
-        return compare(*samples, end).verdict(assessments.y_hat)
 
     def flown_input(
         self, y: Array, end: int | None = None, planned: Array | None = None
@@ -401,14 +384,8 @@ class Monitor:
             plain = {"always": self.exact.always, "running": self.exact.running}
             exact = {name: getattr(self.exact, name) for name in portable.EXACT_ARRAYS}
             sections.append(portable.Section("transduction", 1, True, plain, exact))
-        if self.forecast is not None:
-            sections.append(self.forecast.to_section())
-        if self.groups is not None:
-            sections.append(self.groups.to_section())
-        if self.support is not None:
-            sections.append(self.support.to_section())
-        if self.inputs is not None:
-            sections.append(self.inputs.to_section())
+        parts = self.forecast, self.groups, self.support, self.inputs
+        sections += [part.to_section() for part in parts if part is not None]
         if self.evaluation is not None:
             sections.append(portable.Section("evaluation", 1, False, self.evaluation, {}))
         return sections

@@ -22,7 +22,12 @@ from core.monitor.score import SCORES
 from core.monitor.training import with_validity
 from core.monitor.validity.innovation import fit_innovation
 from core.monitor.validity.support import LEVEL, Support, SupportError, ValidityBasis, calibrate
-from core.monitor.validity.verdict import Comparison, RunningValidity, compare
+from core.monitor.validity.verdict import (
+    Comparison,
+    RunningValidity,
+    ValidityVerdict,
+    compare,
+)
 from tests.support import oscillator
 from tests.support.oscillator import DT, N_SAMPLES, NY, TIMES, Array
 
@@ -59,6 +64,14 @@ def support_of(monitor: Monitor) -> Support:
 def basis_of(monitor: Monitor) -> ValidityBasis:
     assert monitor.validity_basis is not None
     return monitor.validity_basis
+
+
+def judged(
+    monitor: Monitor, t: Array, y: Array, said: Assessments, end: int | None = None
+) -> ValidityVerdict:
+    """The verdict on a whole manoeuvre, up to sample `end`."""
+    whole = compare(basis_of(monitor), t, y, said.state, said.nearest_safe, end)
+    return whole.verdict(said.y_hat)
 
 
 def compared(monitor: Monitor, t: Array, y: Array, said: Assessments) -> Comparison:
@@ -310,7 +323,7 @@ def test_too_few_flights_of_one_kind_raise_the_level_or_are_refused(dataset: Dat
 
 
 def test_a_flight_like_the_simulated_ones_is_valid(monitor: Monitor, flights: Array) -> None:
-    verdicts = [monitor.judge(TIMES, y, untouched(monitor, TIMES, y)) for y in flights]
+    verdicts = [judged(monitor, TIMES, y, untouched(monitor, TIMES, y)) for y in flights]
     assert [verdict.valid for verdict in verdicts] == [True] * len(flights)
     for verdict in verdicts:
         assert verdict.reasons == ()
@@ -344,7 +357,7 @@ def test_running_says_what_the_batch_says_of_every_part(
         before = False
         for k in range(len(t)):
             is_invalid = running.update(y[k], stream.update(t[k], y[k]))
-            whole = monitor.judge(t, y, said, end=k)
+            whole = judged(monitor, t, y, said, end=k)
             assert repr(astuple(running.verdict)) == repr(astuple(whole))
             assert is_invalid == (whole.valid is False)
             assert is_invalid >= before
@@ -362,14 +375,14 @@ def test_verdict_and_withdrawal_are_those_of_a_manoeuvre_that_ends_with_its_exce
         verdict, withdrawal = monitor.judge_and_withdraw(t, y, assessments)
         end = monitor.last_counted(y)
         assert end is not None
-        assert repr(verdict) == repr(monitor.judge(t, y, assessments, end=end))
+        assert repr(verdict) == repr(judged(monitor, t, y, assessments, end=end))
         assert (withdrawal is None) == (verdict.valid is not False)
 
 
 def test_reasons_name_response_size_and_time(monitor: Monitor, flights: Array) -> None:
     y, support = flights[3].copy(), support_of(monitor)
     y[-1, NY] += 0.6
-    verdict = monitor.judge(TIMES, y, untouched(monitor, TIMES, y))
+    verdict = judged(monitor, TIMES, y, untouched(monitor, TIMES, y))
     assert verdict.valid is False
     assert (verdict.sample, verdict.t, verdict.channel) == (60, TIMES[60], "Ny")
     least = 1 / (min(len(support.safe), len(support.unsafe)) + 1)
@@ -382,7 +395,7 @@ def test_reasons_name_response_size_and_time(monitor: Monitor, flights: Array) -
     )
     y[-1] *= 9
     said = untouched(monitor, TIMES, y)
-    verdict = monitor.judge(TIMES, y, said)
+    verdict = judged(monitor, TIMES, y, said)
     z = said.y_hat[-1] / monitor.scale
     near = min(monitor.safe_points, key=lambda point: ((point - z) ** 2).sum())
     mostly = max(range(6), key=lambda c: abs(near[c] - z[c]))
@@ -398,7 +411,7 @@ def test_the_residual_of_an_older_file_names_its_channel(dataset: Dataset, fligh
     y, support = flights[3].copy(), support_of(monitor)
     y[-1, NY] += 0.6
     said = untouched(monitor, TIMES, y)
-    verdict = monitor.judge(TIMES, y, said)
+    verdict = judged(monitor, TIMES, y, said)
     off = abs(y[-1, NY] - said.y_hat[-1 - monitor.h, NY])
     assert (verdict.sample, verdict.valid) == (60, False)
     assert verdict.residual == pytest.approx(off / support.sigma[NY])
@@ -423,12 +436,12 @@ def test_a_response_that_moves_now_and_never_did_is_named(dataset: Dataset, flig
     fresh = ((still(y), fail) for y, fail in batches())
     monitor = with_validity(train(with_still(dataset, P)), with_still(dataset, P), fresh)
     y = still(flights[3])
-    assert monitor.judge(TIMES, y, untouched(monitor, TIMES, y)).valid
+    assert judged(monitor, TIMES, y, untouched(monitor, TIMES, y)).valid
     y[25:, P] = 0.1
-    verdict = monitor.judge(TIMES, y, untouched(monitor, TIMES, y))
+    verdict = judged(monitor, TIMES, y, untouched(monitor, TIMES, y))
     assert (verdict.valid, verdict.channel) == (False, "p")
     y[25:, P] = 0.5e-3
-    assert monitor.judge(TIMES, y, untouched(monitor, TIMES, y)).valid
+    assert judged(monitor, TIMES, y, untouched(monitor, TIMES, y)).valid
 
 
 def test_a_surface_that_never_moved_in_training_has_no_weight(
@@ -443,7 +456,7 @@ def test_a_surface_that_never_moved_in_training_has_no_weight(
 def test_a_flight_longer_than_those_of_training_says_so_where_it_strays(monitor: Monitor) -> None:
     y = oscillator.fly(np.random.default_rng(5), 40)[1].reshape(-1, 6)
     t = np.arange(len(y), dtype=np.float64) * DT
-    verdict = monitor.judge(t, y, untouched(monitor, t, y))
+    verdict = judged(monitor, t, y, untouched(monitor, t, y))
     assert verdict.valid is False
     assert re.search(r"lasts 122\.00 s, .* 3\.05 s: split it", verdict.reasons[-1])
 
@@ -452,15 +465,15 @@ def test_a_flight_counts_up_to_its_first_exceedance(monitor: Monitor, flights: A
     y = flights[3].copy()
     y[45:] *= 9
     said = untouched(monitor, TIMES, y)
-    assert monitor.judge(TIMES, y, said).valid is False
-    assert monitor.judge(TIMES, y, said, end=44).valid is True
+    assert judged(monitor, TIMES, y, said).valid is False
+    assert judged(monitor, TIMES, y, said, end=44).valid is True
 
 
 def test_a_flight_of_which_too_little_was_seen_is_not_called_valid(
     monitor: Monitor, flights: Array
 ) -> None:
     def reasons(t: Array, y: Array) -> tuple[str, ...]:
-        verdict = monitor.judge(t, y, untouched(monitor, t, y))
+        verdict = judged(monitor, t, y, untouched(monitor, t, y))
         assert verdict.valid is None
         return verdict.reasons
 
@@ -484,7 +497,7 @@ def test_numbers_beyond_all_bounds_are_invalid_not_overlooked(
     y[40] = 1e308
     with np.errstate(over="ignore", invalid="ignore"):
         said = untouched(monitor, TIMES, y)
-    verdict = monitor.judge(TIMES, y, said)
+    verdict = judged(monitor, TIMES, y, said)
     assert verdict.valid is False
     assert verdict.distance == np.inf
 
@@ -493,7 +506,8 @@ def test_a_monitor_without_support_is_not_calibrated_and_never_valid(
     dataset: Dataset, flights: Array
 ) -> None:
     monitor = train(dataset)
-    verdict = monitor.judge(TIMES, flights[0], untouched(monitor, TIMES, flights[0]))
+    said = untouched(monitor, TIMES, flights[0])
+    verdict, _ = monitor.judge_and_withdraw(TIMES, flights[0], said)
     assert verdict.valid is None
     assert verdict.p_value is None
     assert verdict.reasons[0].startswith("validity is not calibrated")
@@ -505,12 +519,12 @@ def test_a_monitor_without_forecasts_is_judged_by_distance_alone(
 ) -> None:
     """One of an older file, whose predictor makes none."""
     monitor = of_older_file(train(dataset, MonitorRecipe(predictor=PREDICTORS["identity"])))
-    verdict = monitor.judge(TIMES, flights[0], untouched(monitor, TIMES, flights[0]))
+    verdict = judged(monitor, TIMES, flights[0], untouched(monitor, TIMES, flights[0]))
     assert verdict.valid is True
     assert verdict.residual_p is verdict.residual is None
     assert verdict.p_value == verdict.distance_p
     y = flights[0] * 3
-    verdict = monitor.judge(TIMES, y, untouched(monitor, TIMES, y))
+    verdict = judged(monitor, TIMES, y, untouched(monitor, TIMES, y))
     assert verdict.valid is False
     assert "98 % of fresh flights" in verdict.reasons[0]
 
@@ -519,7 +533,7 @@ def test_responses_are_judged_whatever_the_predictor(dataset: Dataset, flights: 
     monitor = supported(dataset, MonitorRecipe(predictor=PREDICTORS["identity"]))
     y = flights[3].copy()
     y[30:, NY] *= -1
-    verdict = monitor.judge(TIMES, y, untouched(monitor, TIMES, y))
+    verdict = judged(monitor, TIMES, y, untouched(monitor, TIMES, y))
     assert verdict.valid is False
     assert verdict.reasons[0].startswith("the response to the surfaces was")
 
