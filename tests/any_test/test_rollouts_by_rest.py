@@ -264,7 +264,7 @@ def test_a_field_in_the_address_and_a_body_of_no_form_are_refused(client: TestCl
         (
             [("a.csv", b"t\n0\n")],
             {"dictionary": '[{"key": "a", "unit": "rad", "role": "outputs"}]'},
-            "did you mean output",
+            "choose output, control, condition",
         ),
     ],
 )
