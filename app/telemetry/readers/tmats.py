@@ -227,20 +227,16 @@ class SetupRecord:
         binary = given.get("BFM", "").upper() or ("UNS" if placed.place.kind == "analog" else "")
         several = len(placed.runs) > 1
         if binary not in KINDS or (several and binary != "UNS" and binary != "TWO"):
-            parts = " in several parts" if several else ""
-            what = (
-                f"its binary format is {binary:.20}{parts}"
-                if binary
-                else "its binary format is missing"
-            )
-            self.faults[what].append(placed.name)
+            self.faults[f"its binary format is {binary[:20] or 'missing'}"].append(placed.name)
             return None
         named = replace(placed, kind=KINDS[binary], description=given.get("MN1", ""))
         if given.get("DCT", "").upper() in ("", "NON"):
             return named
         scaling = _scaling(given, conversion)
-        if isinstance(scaling, str):
-            self.faults[f"{scaling}, so these are raw counts"].append(placed.name)
+        if scaling is None:
+            self.faults["its conversion is no straight line, so these are raw counts"].append(
+                placed.name
+            )
             return named
         if binary == "OFF":
             (run,) = placed.runs
@@ -308,35 +304,28 @@ def _runs(word: int, mask: str, size: int = 0) -> tuple[Run, ...] | None:
     return tuple(runs)
 
 
-def _scaling(given: dict[str, str], conversion: Attributes) -> Scaling | str:
-    """Scale and offset of a conversion, or why they are not known."""
+def _scaling(given: dict[str, str], conversion: Attributes) -> Scaling | None:
+    """Scale and offset of a conversion; None if it is not known to be a straight line."""
     way = given.get("DCT", "").upper()
     if way == "COE":
         powers = {at[-1] if at else 0: _number(x) for at, x in conversion.get("CO", {}).items()}
-        if higher := [power for power, x in powers.items() if power > 1 and x]:
-            return f"its conversion is a polynomial of order {max(higher)}"
-        if (order := _whole(given.get("CO\\N", ""))) > max(1, *powers):
-            return f"its conversion lacks coefficients up to order {order}"
-        return _checked(powers.get(1, 0.0), powers.get(0, 0.0))
-    if way == "PRS":
-        if given.get("PS1", "Y").upper() == "N":
-            return "its pair sets do not apply to raw counts"
+        is_known = _whole(given.get("CO\\N", "")) <= max(1, *powers)
+        if not is_known or any(x for power, x in powers.items() if power > 1):
+            return None
+        scaling = Scaling(powers.get(1, 0.0), powers.get(0, 0.0))
+    elif way == "PRS" and given.get("PS1", "Y").upper() != "N":
         of_counts, of_values = (conversion.get(name, {}) for name in ("PS3", "PS4"))
         pairs = [(_number(x), _number(of_values.get(n, ""))) for n, x in sorted(of_counts.items())]
         x, y = np.array(pairs).reshape(-1, 2).T
         if len(x) < 2 or not np.isfinite(pairs).all() or x[0] == x[-1]:
-            return "its pair sets have no two values"
+            return None
         scale = float((y[-1] - y[0]) / (x[-1] - x[0]))
-        offset = float(y[0] - scale * x[0])
-        if np.abs(scale * x + offset - y).max() > ON_A_LINE * np.ptp(y):
-            return "its pair sets are not on a line"
-        return _checked(scale, offset)
-    return f"its conversion is of kind {way:.20}"
-
-
-def _checked(scale: float, offset: float) -> Scaling | str:
-    scaling = Scaling(scale, offset)
-    return "its scale is zero or no number" if scaling.problem() else scaling
+        scaling = Scaling(scale, float(y[0] - scale * x[0]))
+        if np.abs(scale * x + scaling.offset - y).max() > ON_A_LINE * np.ptp(y):
+            return None
+    else:
+        return None
+    return None if scaling.problem() else scaling
 
 
 def _whole(text: str) -> int:
