@@ -97,8 +97,8 @@ def unreadable(dataset: h5py.Dataset) -> str:
         dtype = dataset.dtype
     except TypeError:
         return "unreadable type"
-    if reason := not_numeric(dtype):
-        return reason
+    if not is_numeric(dtype):
+        return "no numbers"
     if not dataset.id.get_storage_size():
         return "nothing written"
     properties = dataset.id.get_create_plist()
@@ -118,22 +118,12 @@ def not_stored(dataset: h5py.Dataset) -> str:
     return ""
 
 
-def not_numeric(dtype: Any) -> str:
-    """Why values of a type are not numbers, "" if they are, or one field of a table is."""
+def is_numeric(dtype: Any) -> bool:
+    """Whether values of a type are real numbers, or those of a field of a table."""
     if dtype.names:
-        if set(dtype.names) in ({"real", "imag"}, {"r", "i"}):
-            return "complex"
-        reasons = [not_numeric(dtype[name].base) for name in dtype.names]
-        return "" if "" in reasons else reasons[0]
-    if h5py.check_ref_dtype(dtype):
-        return "references"
-    if h5py.check_vlen_dtype(dtype) and not h5py.check_string_dtype(dtype):
-        return "rows of different lengths"
-    if dtype.subdtype:
-        return not_numeric(dtype.base)
-    return {"b": "", "i": "", "u": "", "f": "", "c": "complex", "S": "text", "O": "text"}.get(
-        dtype.kind, "no numbers"
-    )
+        is_complex = set(dtype.names) in ({"real", "imag"}, {"r", "i"})
+        return not is_complex and any(is_numeric(dtype[name].base) for name in dtype.names)
+    return dtype.base.kind in "biuf"
 
 
 def attribute(holder: Any, name: str) -> Any:
@@ -185,8 +175,8 @@ def _fields(
     """(label, keys to reach it) of every number in a compound type, arrays by element."""
     for name in dtype.names or ():
         kind, label = dtype[name], ".".join((*outer, name))
-        if reason := not_numeric(kind):
-            ignored.append(f"{place}/{label}: {reason}")
+        if not is_numeric(kind):
+            ignored.append(f"{place}/{label}: no numbers")
         elif kind.names:
             yield from _fields(kind, (*outer, name), place, ignored)
         elif kind.subdtype and (len(kind.shape) > 1 or kind.base.names):
