@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from math import prod
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,7 @@ from app.telemetry.mapping.mapping import Mapping
 from app.telemetry.mapping.proposal import propose
 from app.telemetry.reading import columns_of
 from app.telemetry.recording import TelemetryError
-from app.telemetry.rollouts import MOST_BYTES, RolloutFile
+from app.telemetry.rollouts import MOST_BYTES, RolloutFile, empty_flights
 from app.telemetry.targets import beyond_plausible
 from app.telemetry.timing.repair import RepairedTraces
 from core.channels import LATERAL, Dictionary
@@ -152,13 +151,7 @@ def _joined(
         raise RolloutsError(f"the recordings show no manoeuvre: mark some in a scoring{reasons}")
     n, n_samples = len(y), max(y.shape[1], added.y.shape[1])
     shape = n + len(added.y), n_samples, len(dictionary)
-    if 8 * prod(shape) > rollouts.most_bytes:
-        raise TelemetryError(
-            f"{shape[0]} flights of {n_samples} samples and {shape[2]} channels need "
-            f"{8 * prod(shape) / 2**30:.3g} GiB, and {rollouts.most_bytes / 2**30:.3g} are "
-            "allowed: give fewer recordings, or a longer sample interval"
-        )
-    whole = np.full(shape, np.nan)
+    whole = empty_flights("all flights", shape, rollouts.most_bytes)
     whole[:n, : y.shape[1]], whole[n:, : added.y.shape[1]] = y, added.y
     given = np.full(n, UNLABELLED) if read.fail_index is None else read.fail_index
     theta: Array | None = None

@@ -12,6 +12,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from math import prod
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -92,16 +93,19 @@ class _Wanted:
         except TelemetryError as error:
             raise TelemetryError(f"channel {known.key}: {error}") from error
 
-    def empty(self, n: int, n_samples: int, n_channels: int) -> Array:
-        """An array of flights without values. TelemetryError if it would be too large."""
-        needed = 8 * n * n_samples * n_channels
-        if needed > self.most_bytes:
-            raise TelemetryError(
-                f"{self.name}: {n} flights of up to {n_samples} samples and {n_channels} "
-                f"channels need {needed / 2**30:.3g} GiB, and {self.most_bytes / 2**30:.3g} are "
-                "allowed: give fewer flights, or a longer sample interval"
-            )
-        return np.full((n, n_samples, n_channels), np.nan)
+
+def empty_flights(name: str, shape: tuple[int, int, int], most_bytes: int) -> Array:
+    """An array of flights without values. TelemetryError if it would be too large.
+
+    name: of the source.   shape: (n, n_samples, n_channels).
+    """
+    if (needed := 8 * prod(shape)) > most_bytes:
+        raise TelemetryError(
+            f"{name}: {shape[0]} flights of up to {shape[1]} samples and {shape[2]} channels need "
+            f"{needed / 2**30:.3g} GiB, and {most_bytes / 2**30:.3g} are allowed: give fewer "
+            "flights, or a longer sample interval"
+        )
+    return np.full(shape, np.nan)
 
 
 def read_rollouts(
@@ -194,7 +198,7 @@ def _of_arrays(columns: Columns, wanted: _Wanted) -> RolloutFile:
         keys, units = zip(*_without_suffixes(keys, units), strict=True)
         dictionary = own_dictionary(keys, units)
     shape = flights.n_rows, samples.n_rows // flights.n_rows
-    y = wanted.empty(*shape, len(dictionary.measured))
+    y = empty_flights(name, (*shape, len(dictionary.measured)), wanted.most_bytes)
     for c, known in enumerate(_measured(dictionary)):
         place = _chosen(keys, known.key, name)
         values = columns.values(signals[place].name).reshape(shape)
@@ -308,7 +312,8 @@ def _of_flights(flights: Iterator[_Flight], wanted: _Wanted) -> RolloutFile:
             "them to one interval"
         )
     measured = _measured(dictionary)
-    y = wanted.empty(len(read), max(len(flight.t) for flight in read), len(measured))
+    shape = len(read), max(len(flight.t) for flight in read), len(measured)
+    y = empty_flights(name, shape, wanted.most_bytes)
     for k, flight in enumerate(read):
         steps = np.diff(flight.t)
         if (np.abs(steps - dt) > 0.5 * dt).any():
