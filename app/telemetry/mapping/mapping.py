@@ -220,18 +220,13 @@ def read_rate(text: str) -> TimeSource:
     Raises TelemetryError for any other text.
     """
     match = RATE.fullmatch(text.strip())
-    if match is None:
-        raise TelemetryError(f"{text!r} is not a sample rate: write {EXAMPLE}")
     parts = {
-        name: float((part or "0").replace(",", ".")) for name, part in match.groupdict().items()
+        name: float((part or "0").replace(",", "."))
+        for name, part in (match.groupdict() if match else {"rate": "0"}).items()
     }
-    if match["minute"] and (parts["hour"] > 23 or parts["second"] >= 60.0):
-        raise TelemetryError(f"{text!r} starts at an invalid time of day: write {EXAMPLE}")
-    if not parts["rate"]:
-        raise TelemetryError(
-            f"{text!r} is a rate of zero: give a rate of {LEAST_RATE_HZ:g} to {MOST_RATE_HZ:g} Hz, "
-            f"such as {EXAMPLE}"
-        )
+    is_late = match and match["minute"] and (parts["hour"] > 23 or parts["second"] >= 60.0)
+    if not parts["rate"] or is_late:
+        raise TelemetryError(f"{text!r} is not a sample rate: write {EXAMPLE}")
     start = 3600.0 * parts["hour"] + 60.0 * parts["minute"] + parts["second"]
     source = TimeSource(rate=parts["rate"], start=start)
     if problem := source.problem():

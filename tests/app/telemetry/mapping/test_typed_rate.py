@@ -49,13 +49,6 @@ def test_a_text_that_is_not_a_rate_is_refused_with_an_example(text):
         read_rate(text)
 
 
-def test_a_rate_of_zero_is_refused_with_the_possible_rates():
-    with pytest.raises(
-        TelemetryError, match=r"'0 Hz' is a rate of zero: give a rate of .* such as 50"
-    ):
-        read_rate("0 Hz")
-
-
 @pytest.mark.parametrize(
     "time",
     [{}, {"signal": "t", "rate": 50}, {"rate": -1.0}, {"rate": 1e9}, {"rate": 5, "start": "noon"},
