@@ -205,14 +205,13 @@ class ScoredArchive:
             about = [stored_about(table.schema) for table in tables]
         except pa.ArrowException as error:
             raise ArchiveError(f"{self.folder} is damaged: {error}: {SCORE_AGAIN}") from None
-        for table, kinds in zip(tables, (SUMMARY, FILES), strict=True):
-            if missing := kinds.keys() - {*table.column_names}:
-                raise ArchiveError(
-                    f"{self.folder} has tables without {', '.join(sorted(missing))}: {SCORE_AGAIN}"
-                )
-        if about[0] != about[1] or "monitors" not in about[0]:
+        whole = [
+            kinds.keys() <= {*table.column_names}
+            for table, kinds in zip(tables, (SUMMARY, FILES), strict=True)
+        ]
+        if not all(whole) or about[0] != about[1] or "monitors" not in about[0]:
             raise ArchiveError(
-                f"{self.folder} is being written, or its writing was interrupted: {SCORE_AGAIN}"
+                f"{self.folder} is being written, or by another version: {SCORE_AGAIN}"
             )
         return ArchiveTables(about[0], *tables)
 
@@ -227,16 +226,11 @@ class ScoredArchive:
         raise NotFound(f"no flight {flight_id}: it is new, or its file was deleted or not read")
 
     def _why(self, error: OSError) -> str:
-        if not isinstance(error, FileNotFoundError):
-            return f"{self.folder} cannot be read: {error.strerror or error}"
         if not self.folder.is_dir():
             return f"there is no folder {self.folder}: check --archive and FOREWARN_ARCHIVES"
-        if (self.folder / RECORDS).is_dir():
-            return f"{self.folder} is not scored to the end: {SCORE_AGAIN}"
-        return (
-            f"{self.folder} holds no results of `forewarn score-archive`: give the folder of its "
-            "--out"
-        )
+        if isinstance(error, FileNotFoundError):
+            return f"{self.folder} holds no complete results: {SCORE_AGAIN}"
+        return f"{self.folder} cannot be read: {error.strerror or error}"
 
     def _again(self, flight: str) -> str:
         return f"{flight} is being scored again, or was: {SCORE_AGAIN}"

@@ -49,7 +49,7 @@ def test_a_guessed_mapping_is_marked_beside_its_flight(
 def test_an_archive_is_summed_filtered_and_its_flights_open(page: Page, site: Site) -> None:
     page.goto(f"{site.http}/#/recordings")
     page.get_by_role("link", name="Archives").click()
-    expect(page.get_by_text("holds no results")).to_be_visible()
+    expect(page.get_by_text("holds no complete results")).to_be_visible()
     page.get_by_role("link", name="card 7").click()
     sums, flights = page.locator(".archive-table").first, page.locator(".archive-table").last
     expect(sums.locator('[data-label="Flights"]')).to_have_text("2")
