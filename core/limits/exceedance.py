@@ -99,6 +99,8 @@ class LatchedExceedance:
     acknowledged: bool
     recorded: float | None = None
     """largest value as recorded in this exceedance if it is further beyond; else null"""
+    skipped: bool = False
+    """whether a seek passed its samples, so its largest value is not known"""
 
 
 def onsets(
@@ -232,7 +234,7 @@ class Exceedances:
 
     def restart(self) -> None:
         self._over.clear()
-        self._latched.clear()
+        self._latched = {key: each for key, each in self._latched.items() if each.skipped}
         self._is_over_any = False
 
     def update(
@@ -310,7 +312,7 @@ class Exceedances:
         }
 
     def pass_by(self, exceeded: Exceeded, goes_on: bool = False) -> None:
-        """Add an exceedance that a seek passes; no strip shows it.
+        """Add an exceedance that a seek passes; its strip shows that its values were skipped.
 
         goes_on: it lasts to the sample sought, which then starts no new one.
         """
@@ -318,6 +320,9 @@ class Exceedances:
         self._note(
             named.channel, [_Beyond(t, named.value, named.limit, named.judged != "recorded")]
         )
+        if named.judged != "recorded":
+            skipped = LatchedExceedance(named.channel, t, named.value, False, False, skipped=True)
+            self._latched.setdefault(named.channel, skipped)
         if goes_on:
             self._over.add(named.channel)
             self._is_over_any = True
@@ -398,7 +403,7 @@ class Exceedances:
             if latched is None:
                 latched = LatchedExceedance(key, start, largest, True, at.acknowledged)
                 self._latched[key] = latched
-            latched.over = True
+            latched.over, latched.skipped = True, False
             latched.value = self._further(key, latched.value, largest, value)
         for key in [key for key in self._latched if key not in over]:
             if isnan(y.item(self._index[key])):

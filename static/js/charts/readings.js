@@ -13,7 +13,7 @@
  *   word        in place of the first value: "INVALID", "", ...
  *   state       of the newest sample: "ok", "invalid", ...; undefined in a recording
  *   last        whether the value is an old one, beside the word
- *   alert, exceeded     whether the risk alerts; {t, value, recorded} latched, or null
+ *   alert, exceeded     whether the risk alerts; {t, value, recorded, skipped} latched, or null
  *   sensor      value as recorded, where the trim makes it far from the one shown; else undefined
  *   before, otherwise   words before the values at A and B; words where neither is set
  */
@@ -122,7 +122,8 @@ function createReadout(element, strip, large) {
     badge.hidden = latch.hidden && !(known && alert);
     put(badge, latch.hidden ? "ALERT" : "LIMIT");
     if (exceeded === null) return;
-    put(latch, `${exceeded.value < 0 ? "▼" : "▲"} ${secondsText(exceeded.t)}, peak ${quantity(strip, exceeded.value)}${sensorPeak(strip, exceeded)}`);
+    const peak = exceeded.skipped ? "exceeded, values skipped" : `peak ${quantity(strip, exceeded.value)}${sensorPeak(strip, exceeded)}`;
+    put(latch, `${exceeded.value < 0 ? "▼" : "▲"} ${secondsText(exceeded.t)}, ${peak}`);
   }
 
   return { show };

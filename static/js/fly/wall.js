@@ -143,8 +143,10 @@ function rowOf(channel) {
     const current = known ? `${margin >= 1 ? "▲ " : ""}${quantity(now, at)}` : "–";
     const basis = hasSensor ? sensorText(now, sensor) : "";
     const limit = exceeded && magnitudeIn(now, limits[isBeyond(limits, exceeded.value)[0] ? 0 : 1]);
-    put(value, exceeded ? `▲ ${quantity(now, exceeded.value)}` : current); // the peak is the state; the current value is not
-    const text = exceeded ? `peak${sensorPeak(now, exceeded)}, limit ${limit}${known ? `; now ${current} ${basis}` : ""}` : `limit ${limitText(now, limits)} ${basis}`;
+    const peak = exceeded && (exceeded.skipped ? "SKIPPED" : quantity(now, exceeded.value));
+    put(value, exceeded ? `▲ ${peak}` : current); // the peak is the state; the current value is not
+    const of = exceeded && (exceeded.skipped ? "values beyond it were skipped" : `peak${sensorPeak(now, exceeded)}`);
+    const text = exceeded ? `${of}, limit ${limit}${known ? `; now ${current} ${basis}` : ""}` : `limit ${limitText(now, limits)} ${basis}`;
     if (text !== shown) words.replaceChildren(formatted(text.replace(/(?<=\d) (?=\S)/g, "\u00a0")));
     shown = text;
     item.toggleAttribute("data-over", known && margin >= 1);

@@ -156,7 +156,22 @@ def test_an_exceedance_that_a_seek_passes_is_an_alarm_and_the_flight_s_for_good(
     (alarm,) = [message["alarm"] for message in flown.seen.of("alarm")]
     assert (alarm["kind"], alarm["t"]) == ("limit", 20 * DT)
     assert alarm["exceedance"]["value"] == 0.529
+    for to in (41 * DT, 10 * DT):  # no strip shows a calm value beside the headline
+        assert flown.flight.headline.exceeded_t == 20 * DT
+        (latched,) = flown.seen.of("status")[-1]["latched"]
+        assert (latched["channel"], latched["t"], latched["over"]) == ("Ny", 20 * DT, False)
+        assert latched["skipped"]
+        flown.flight.act("seek", to)
+        flown.seen.take()
+    flown.flight.act("seek", 22 * DT)
+    flown.seen.take()
+    (latched,) = flown.seen.of("status")[-1]["latched"]
+    assert latched["over"]
+    assert not latched["skipped"]
+    flown.flight.act("seek", 40 * DT)
     flown.flight.acknowledge("1", "FTE", "now")
+    flown.seen.take()
+    assert flown.seen.of("status")[-1]["latched"] == []
     for back in (10 * DT, 40 * DT):  # what was met does not ring again by being passed
         flown.flight.act("seek", back)
         assert flown.flight.headline[:2] == ("exceeded", "caution")

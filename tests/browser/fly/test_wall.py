@@ -218,6 +218,22 @@ def test_the_sensors_value_is_beside_that_from_trim(strips: Open) -> None:
     assert re.search(r"from trim, sensor 0\.3", both)
 
 
+def test_of_an_exceedance_that_a_seek_passed_no_calm_value_is_the_state(strips: Open) -> None:
+    code = """async (channel) => {
+      const { createWall } = await import("/static/js/fly/wall.js");
+      const element = document.createElement("div");
+      const wall = createWall(element, element, { get: () => "", follow() {} });
+      const passed = { channel: channel.key, t: 7.7, value: 2 * channel.high, skipped: true };
+      const now = { words: ["EXCEEDED"], level: "caution", channels: [channel], y: [0.0] };
+      wall.show({ ...now, latched: [passed] });
+      return [".wall-value", ".wall-limit"].map((part) => element.querySelector(part).textContent);
+    }"""
+    channel = next(each for each in any_flight.recording()["hello"]["channels"] if each["high"])
+    value, words = strips().evaluate(code, channel)
+    assert value == "▲ SKIPPED"
+    assert words.startswith("values beyond it were skipped")
+
+
 def test_an_ended_flight_has_a_short_state_and_its_verdict_beside_it(strips: Open) -> None:
     code = """async (flight) => {
       const { resultOf } = await import("/static/js/fly/headline.js");

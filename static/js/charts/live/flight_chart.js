@@ -288,11 +288,12 @@ function createSource({ strips, ring, seriesOf, intake, timeline, alertAbove, le
     const [last, now] = [ring.count() - 1, state()];
     const i = now === "stale" ? lastKnown(series) : last;
     const value = i < 0 ? NaN : ring.value(series, i);
-    const old = now === "stale" && Number.isFinite(value) && !strip.risk;
+    const skipped = latchedOf(strip)?.skipped;
+    const old = now === "stale" && Number.isFinite(value) && !strip.risk && !skipped;
     const age = old ? Math.max(0, timeline.age(wall)) + ring.time(last) - ring.time(i) : NaN;
     return {
       values: [single(value)],
-      word: isKnown(strip, now, value) ? "" : (STATE_WORDS[now] ?? now),
+      word: skipped ? "SKIPPED" : isKnown(strip, now, value) ? "" : (STATE_WORDS[now] ?? now),
       state: WITHDRAWN.includes(now) ? "invalid" : now,
       last: old,
       alert: strip.risk && intake.status.alert,
@@ -372,7 +373,7 @@ function createSource({ strips, ring, seriesOf, intake, timeline, alertAbove, le
     if (strip.risk && intake.status.alert && known && !stale) parts.push("alert");
     if (known && intake.sensor[strip.key] !== undefined) parts.push(sensorText(strip, intake.sensor[strip.key]));
     const exceedance = latchedOf(strip);
-    if (exceedance) parts.push(`limit exceeded at ${secondsText(exceedance.t)}`);
+    if (exceedance) parts.push(`limit exceeded at ${secondsText(exceedance.t)}${exceedance.skipped ? ", values skipped" : ""}`);
     return parts;
   }
 
