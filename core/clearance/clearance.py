@@ -155,7 +155,6 @@ class PointVerdict(NamedTuple):
     exceed that the prediction alone decides.   p_error: its standard error over other random draws.
     reached: predicted part of a limit, at QUANTILES.
     amplitude_deg: largest recommended amplitude, under its own guarantee; None without one.
-    posterior: of this aircraft's deviates; None where it is not identified.
     """
 
     cleared: bool
@@ -164,7 +163,6 @@ class PointVerdict(NamedTuple):
     p_error: float | None
     reached: tuple[float, float, float]
     amplitude_deg: float | None
-    posterior: PlantPosterior | None
 
 
 class PeakPredictor(ABC):
@@ -440,7 +438,6 @@ class Clearance:
             amplitude_deg=None
             if factor is None or withdrawn
             else factor * self.points.following.maneuver.peak_deg,
-            posterior=prediction.posterior,
         )
 
 

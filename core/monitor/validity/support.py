@@ -95,24 +95,15 @@ class Support:
         has_forecasts = self.innovation.window > 0 or np.isfinite(self.sigma).all()
         return (0, 1) if has_forecasts else (1,)
 
-    @property
-    def smallest_level(self) -> float:
-        """Smallest level that the smaller kind supports."""
-        return _smallest_level(len(self.statistics), min(len(self.safe), len(self.unsafe)))
-
-    def check_level(self, level: float | None = None) -> float:
-        """The level, its default unless given. SupportError if flights are too few for it."""
-        level = self.level if level is None else level
-        if not 0 < level < 1:
-            raise SupportError(f"level={level} was given: give a share between 0 and 1")
-        if level < self.smallest_level - 1e-12:
-            needed = math.ceil(len(self.statistics) / level - 1 - 1e-9)
+    def check_level(self) -> None:
+        """SupportError if flights are too few for the level."""
+        n_safe, n_unsafe = len(self.safe), len(self.unsafe)
+        least = _smallest_level(len(self.statistics), min(n_safe, n_unsafe))
+        if not least - 1e-12 <= self.level < 1:
             raise SupportError(
-                f"level={level:g} needs {needed} safe and {needed} failing fresh flights; validity "
-                f"is calibrated on {len(self.safe)} safe and {len(self.unsafe)} failing ones: "
-                f"raise the level to {math.ceil(1e4 * self.smallest_level - 1e-6) / 1e4:g}"
+                f"level={self.level} was given: {n_safe} safe and {n_unsafe} failing fresh flights "
+                f"support {least:.4g} or more, below 1"
             )
-        return level
 
     def p_values(self, largest: Array) -> Array:
         """p-value of each statistic: the larger of the ones among safe and failing flights.
@@ -130,13 +121,12 @@ class Support:
         """One p-value for all statistics, by Bonferroni's rule. p: (n, 2).   Returns (n,)."""
         return np.minimum(1.0, len(self.statistics) * np.nanmin(p, axis=1))
 
-    def bounds(self, level: float | None = None) -> Array:
+    def bounds(self) -> Array:
         """(2,) bounds above which a statistic is invalid: combined p <= level."""
-        level = self.check_level(level)
         bounds = np.full(2, np.inf)
         for k in self.statistics:
             bounds[k] = max(
-                kind[_rank(level, len(self.statistics), len(kind)), k]
+                kind[_rank(self.level, len(self.statistics), len(kind)), k]
                 for kind in (self.safe, self.unsafe)
             )
         return bounds

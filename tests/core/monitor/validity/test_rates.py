@@ -96,7 +96,7 @@ def test_at_most_the_level_of_either_kind_is_wrongly_called_invalid(plant: Plant
         safe, unsafe = (np.sort(reached[old & kind], axis=0) for kind in kinds.values())
         support = replace(basis.support, safe=safe, unsafe=unsafe)
         for level in (LEVEL, 0.1):
-            is_invalid = np.any(reached > support.bounds(level), axis=1)
+            is_invalid = np.any(reached > replace(support, level=level).bounds(), axis=1)
             for name, kind in kinds.items():
                 share = np.mean(is_invalid[np.flatnonzero(kind & ~old)])
                 shares.setdefault((name, level), []).append(float(share))

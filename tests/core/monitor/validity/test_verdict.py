@@ -271,18 +271,17 @@ def test_invalid_iff_the_exact_combined_p_value_is_at_most_the_level(
         assert found[0, k] == pytest.approx(float(value), rel=1e-12)
     assert np.isnan(found[0, 0]) != forecasts
     assert support.combined(found)[0] == pytest.approx(float(combined), rel=1e-12)
-    is_invalid = (reached > support.bounds(float(level))).any()
+    is_invalid = (reached > replace(support, level=float(level)).bounds()).any()
     assert is_invalid == (combined <= level)
 
 
 def test_a_level_that_the_calibration_cannot_serve_is_refused(monitor: Monitor) -> None:
     support = replace(support_of(monitor), unsafe=support_of(monitor).unsafe[:98])
-    assert support.smallest_level == 2 / 99
-    with pytest.raises(SupportError, match=r"level=0\.02 needs 99 safe .* 98 failing .* 0\.0203"):
-        support.check_level(0.02)
-    assert support.check_level(0.0203) == 0.0203
-    with pytest.raises(SupportError, match="give a share between 0 and 1"):
-        support.bounds(1.0)
+    with pytest.raises(SupportError, match=r"level=0\.02 .* 98 failing .* support 0\.0202 or more"):
+        replace(support, level=0.02).check_level()
+    replace(support, level=0.0203).check_level()
+    with pytest.raises(SupportError, match="below 1"):
+        replace(support, level=1.0).check_level()
 
 
 def test_calibration_ends_once_both_kinds_serve_the_level(dataset: Dataset) -> None:
@@ -314,7 +313,7 @@ def test_too_few_flights_of_one_kind_raise_the_level_or_are_refused(dataset: Dat
         return [(y[chosen], fail[chosen])]
 
     support = support_of(with_validity(monitor, dataset, with_failing(39)))
-    assert support.level == support.smallest_level == 2 / 40
+    assert support.level == 2 / 40
     with pytest.raises(SupportError, match=r"\d+ stayed safe and 18 failed, 19 of each"):
         with_validity(monitor, dataset, with_failing(18))
 
