@@ -81,8 +81,6 @@ class Login:
             LOG.warning("wrong token from %s", address)
 
     async def _log_in_by_link(self, request: Request, link: str) -> Response:
-        if self._sessions.use_link(link):
-            return self._start_session(request, self._people.server)
         store: Store = request.app.state.store
         try:
             digest = await asyncio.to_thread(store.tokens.use_link, link)

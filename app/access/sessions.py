@@ -1,8 +1,7 @@
-"""Browser logins: sessions that expire, and one-time links."""
+"""Browser logins: sessions that expire."""
 
 import asyncio
 import logging
-import math
 import secrets
 import time
 from collections import OrderedDict
@@ -11,7 +10,7 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
 from app.access.people import NOTED_EVERY_S, Admission, Clock, regularly
-from app.store.people import LINK_SECONDS, StoredSession, digest_of
+from app.store.people import StoredSession, digest_of
 from app.store.store import Store, StoreError
 
 LOG = logging.getLogger("forewarn")
@@ -42,7 +41,6 @@ class Sessions:
         self._open: OrderedDict[str, Session] = OrderedDict()
         self._changed: set[str] = set()
         """Sessions begun, ended, or used long after what the store has."""
-        self._links: dict[str, float] = {}
 
     @asynccontextmanager
     async def open(
@@ -128,13 +126,3 @@ class Sessions:
         """Whether a session is open; this does not prolong it."""
         session = self._open.get(digest_of(key))
         return session is not None and self._clock() < session.ends
-
-    def make_link(self) -> str:
-        """A code for one login with the settings' token, within LINK_SECONDS."""
-        code = secrets.token_urlsafe(32)
-        self._links[digest_of(code)] = self._clock() + LINK_SECONDS
-        return code
-
-    def use_link(self, code: str) -> bool:
-        """Whether a code is valid; it is used up."""
-        return self._clock() < self._links.pop(digest_of(code), -math.inf)

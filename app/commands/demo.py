@@ -71,11 +71,9 @@ def demonstrate(settings: Settings, say: Callable[[str], None], *, browser: bool
 async def show(app: FastAPI, address: str, say: Callable[[str], None], *, browser: bool) -> None:
     """Open the page, prepare the live flight and print its address. ValueError where that fails."""
     say(f"open {address}{PAGE} (stop with Ctrl+C)")
-    serve_command.say_link(app, address)
-    page = serve_command.login_link(app, address) or address + PAGE
     demonstration: Demonstration = app.state.demonstration
     flight = demonstration.start()
-    if browser and not await asyncio.to_thread(webbrowser.open, page):
+    if browser and not await asyncio.to_thread(webbrowser.open, address + PAGE):
         say("no browser could be opened: open the address yourself")
     try:
         await _show_progress(demonstration, flight, say)

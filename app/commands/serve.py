@@ -11,9 +11,6 @@ from app.settings import Settings, read_settings
 if TYPE_CHECKING:  # slow to import, and not needed for help
     from fastapi import FastAPI
 
-    from app.access.people import People
-    from app.access.sessions import Sessions
-
 
 def add(parser: argparse.ArgumentParser) -> None:
     add_server(parser)
@@ -68,20 +65,6 @@ def say(text: str) -> None:
     print(f"forewarn: {text}", flush=True)
 
 
-def login_link(app: FastAPI, address: str) -> str | None:
-    """An address that logs in once; None if the server needs no token."""
-    people: People = app.state.people
-    sessions: Sessions = app.state.sessions
-    return f"{address}/login?link={sessions.make_link()}" if people.needs_token else None
-
-
-def say_link(app: FastAPI, address: str) -> None:
-    from app.store.people import LINK_SECONDS  # slow to import, not needed for help
-
-    if link := login_link(app, address):
-        say(f"log in once, within {LINK_SECONDS / 60:.0f} minutes: {link}")
-
-
 def run(options: argparse.Namespace) -> int:
     from app import serving  # slow to import, not needed for help
 
@@ -89,7 +72,6 @@ def run(options: argparse.Namespace) -> int:
 
     async def opened(app: FastAPI, address: str) -> None:
         say(f"serving {settings.data_dir} at {address} (stop with Ctrl+C)")
-        say_link(app, address)
 
     serving.serve(settings, opened)
     return 0

@@ -6,7 +6,6 @@ import pytest
 
 from app.access.people import Admission, Person
 from app.access.sessions import MOST_SESSIONS, Sessions
-from app.store.people import LINK_SECONDS
 from app.store.store import Store, StoreError
 from app.store.tables import sessions as sessions_table
 from tests.support.told_clock import ToldClock
@@ -35,14 +34,6 @@ def test_the_least_recently_used_session_is_dropped(sessions: Sessions) -> None:
     assert sessions.use(keys[0])
     sessions.start(ANN)
     assert [sessions.use(key) for key in keys[:3]] == [ANN, None, ANN]
-
-
-def test_a_link_works_once_and_expires(sessions: Sessions, clock: ToldClock) -> None:
-    first, second = sessions.make_link(), sessions.make_link()
-    assert sessions.use_link(first)
-    assert not sessions.use_link(first)
-    clock.now += LINK_SECONDS
-    assert not sessions.use_link(second)
 
 
 def test_a_session_ends_with_its_token(sessions: Sessions) -> None:
