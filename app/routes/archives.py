@@ -10,7 +10,7 @@ from app.messages import ChannelLimit
 from app.recordings.archive import Count
 from app.recordings.archives import ArchiveFilter, Archives, FilesState, ScoredArchive
 from app.routes.dependencies import PAGED, Described, Finite, ListPart, PartDep, json_response, part
-from app.routes.scorings import MOST_BINS, Tiles
+from app.routes.scorings import MOST_BINS, ScoringFacts, Tiles
 
 router = APIRouter(prefix="/api/v1/archives", tags=["archives"])
 ArchivesDep = Annotated[Archives, part("archives")]
@@ -98,27 +98,12 @@ class ArchiveRow(ArchiveCounts):
     mapping_is_guess: bool = Field(description="its confidence is low: check the mapping")
 
 
-class ArchiveFlight(ArchiveRow):
+class ArchiveFlight(ScoringFacts, ArchiveRow):  # pyright: ignore[reportIncompatibleVariableOverride]
     """A flight as one monitor scored it, with its manoeuvres; `tiles` has its samples."""
 
     monitors: list[str] = Field(description="names of all that scored it")
-    monitor_digest: str = Field(description="SHA-256 of the portable monitor")
-    alert_above: float = Field(description="risk above which a sample alerts")
-    lead: float = Field(description="promised by the monitor [s]")
-    dt: float = Field(description="[s]")
-    created: str = Field(description="UTC, ISO 8601: when it was scored")
-    version: str = Field(description="of the program that scored it")
     digest: str = Field(description="SHA-256 of the file")
     size: int = Field(description="of the file [bytes]")
-    request: dict[str, Any] = Field(title="Parameters", description="epsilon, trim and manoeuvres")
-    channels: list[ChannelLimit]
-    time_zero: str = Field(description="zero of the times, as of a scoring")
-    notes: list[str] = Field(description="assumptions and processing steps, in order")
-    quality: dict[str, Any] | None = Field(description="as of a scoring")
-    manoeuvres: list[dict[str, Any]]  # pyright: ignore[reportIncompatibleVariableOverride]
-    """manoeuvres with trim, validity, alerts, exceedance and outcome"""
-    outside_exceedances: list[dict[str, Any]]
-    limits_in_force: list[dict[str, Any]] | None
 
 
 class SourceFile(BaseModel):

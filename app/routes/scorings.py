@@ -102,16 +102,9 @@ class ScoringComparison(Differences):
     n_second: int = Field(description="samples that the second one assessed")
 
 
-class Scoring(Described):
-    """A scoring of a recording; `assessments` and `tiles` have its samples."""
+class ScoringFacts(Described):
+    """A recording as a monitor scored it."""
 
-    id: str
-    recording: str = Field(description="id")
-    monitor: str = Field(description="id")
-    monitor_name: str
-    warnings: list[str]
-    """reasons not to rely on the monitor at this epsilon, from its test flights or because it was
-    not tested"""
     monitor_digest: str = Field(description="SHA-256 of the portable monitor")
     epsilon: float
     alert_above: float = Field(description="risk above which a sample alerts")
@@ -119,18 +112,10 @@ class Scoring(Described):
     dt: float = Field(description="[s]")
     created: str = Field(description="UTC, ISO 8601")
     version: str = Field(description="version of the program that scored it")
-    digest: str
-    """SHA-256 of the samples; the same request gives the same digest"""
-    damage: str
-    """in lists: how the stored scoring is damaged, without its verdicts; empty if intact. A damaged
-    single scoring is refused"""
     request: dict[str, Any] = Field(title="Parameters")
     """requested epsilon, trim and manoeuvres"""
-    mapping: Mapping = Field(description="mapping used")
     channels: list[ChannelLimit]
     n_samples: int
-    start: float = Field(description="[s]")
-    end: float = Field(description="[s]")
     time_zero: str
     """zero of the times, in ISO 8601 or as in the recording's contents; empty if the file does not
     give it"""
@@ -147,6 +132,26 @@ class Scoring(Described):
     """for a live flight with a limit set: limits in force by channel from start to end [s], null if
     unknown; `reason`: why the monitor is not applicable under them, empty if it is. Null without a
     limit set"""
+
+
+class Scoring(ScoringFacts):
+    """A scoring of a recording; `assessments` and `tiles` have its samples."""
+
+    id: str
+    recording: str = Field(description="id")
+    monitor: str = Field(description="id")
+    monitor_name: str
+    warnings: list[str]
+    """reasons not to rely on the monitor at this epsilon, from its test flights or because it was
+    not tested"""
+    digest: str
+    """SHA-256 of the samples; the same request gives the same digest"""
+    damage: str
+    """in lists: how the stored scoring is damaged, without its verdicts; empty if intact. A damaged
+    single scoring is refused"""
+    mapping: Mapping = Field(description="mapping used")
+    start: float = Field(description="[s]")
+    end: float = Field(description="[s]")
 
 
 class ScoredFrame(Frame):
