@@ -11,7 +11,7 @@ from app.campaigns.clearing import checklist, clear_next, identification_plain, 
 from app.campaigns.flying import aborted_flight, flown_point
 from app.campaigns.point import CampaignError, Condition, FlownPoint, Point, percent_at_most
 from app.commands.options.fields import add_fields, given_fields
-from app.commands.options.option import add_json, add_scheduler, option
+from app.commands.options.option import add_json, add_output, add_scheduler, option
 from app.commands.options.recipe import add_recipe_options, plain_recipe
 from app.commands.output.results import check_file, print_result, progress_bar
 from app.commands.output.scores import read_mapping
@@ -28,45 +28,31 @@ from core.whole_file import write_whole
 
 def add(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(required=True, metavar="ACTION", dest="action")
-    everything = {name: actions.add_parser(name, help=text) for name, (text, _) in ACTIONS.items()}
-    new, add, clear, fly = (everything[name] for name in ("new", "add", "clear", "fly"))
-    confirm, hold, abort = (everything[name] for name in ("confirm", "hold", "abort"))
-    smaller = everything["smaller"]
-    for action in everything.values():
+    every = {name: actions.add_parser(name, help=text) for name, (text, _) in ACTIONS.items()}
+    for action in every.values():
         option(action, "file CAMPAIGN.json", "the campaign", type=Path)
-    for action in (clear, confirm, smaller, hold, abort, fly):
-        option(action, "--by NAME", "who decides", required=True)
-    for action in (confirm, smaller, hold, abort):
-        option(action, "--why TEXT", "reason", default="")
-    option(fly, "recording RECORDING", "telemetry in any known format", type=Path)
-    option(abort, "--recording FILE", "recording of a point aborted in flight", type=Path)
-    for action in (fly, abort):
-        option(action, "--start START", "start of the manoeuvre with its trim [s]", type=float)
-        option(action, "--end END", "end of the manoeuvre [s]", type=float)
-        option(action, "--mapping FILE", "mapping, as `score` writes it", type=Path)
-    clear.add_argument(
-        "--with-monitor",
-        action="store_true",
-        help="the point's monitor, trained afterwards, is a part of the clearance",
-    )
-    add_scheduler(clear)
-    everything["report"].add_argument(
-        "-o",
-        "--out",
-        type=Path,
-        metavar="HTML",
-        help="file to write; named after the campaign if absent",
-    )
-    everything["recipe"].add_argument(
-        "-o", "--out", type=Path, metavar="FILE", required=True, help="file to write"
-    )
-    _add_plan(new)
-    _add_points(add)
+    for name in ("clear", "confirm", "smaller", "hold", "abort", "fly"):
+        option(every[name], "--by NAME", "who decides", required=True)
+    for name in ("confirm", "smaller", "hold", "abort"):
+        option(every[name], "--why TEXT", "reason", default="")
+    option(every["fly"], "recording RECORDING", "telemetry in any known format", type=Path)
+    option(every["abort"], "--recording FILE", "recording of a point aborted in flight", type=Path)
+    for name in ("fly", "abort"):
+        option(every[name], "--start START", "start of the manoeuvre with its trim [s]", type=float)
+        option(every[name], "--end END", "end of the manoeuvre [s]", type=float)
+        option(every[name], "--mapping FILE", "mapping, as `score` writes it", type=Path)
+    text = "the point's monitor, trained afterwards, is a part of the clearance"
+    option(every["clear"], "--with-monitor", text)
+    add_scheduler(every["clear"])
     condition = "name of the flight condition"
-    option(new, "--condition NAME", condition, default="")
-    option(add, "--condition NAME", condition, required=True)
-    for action in everything.values():
-        add_json(action)
+    _add_plan(every["new"])
+    _add_points(every["add"])
+    option(every["new"], "--condition NAME", condition, default="")
+    option(every["add"], "--condition NAME", condition, required=True)
+    add_output(every["report"], "HTML", "file to write; named after the campaign if absent")
+    add_output(every["recipe"], "FILE", "file to write; named after the campaign if absent")
+    for name in ACTIONS.keys() - {"report", "recipe"}:
+        add_json(every[name])
 
 
 def _add_points(parser: argparse.ArgumentParser) -> None:
@@ -169,51 +155,42 @@ def _recommended(point: Point) -> str:
     )
 
 
-def _confirm(options: argparse.Namespace) -> int:
-    campaign = load(options.file)
-    point = campaign.next.point
-    return _done(
-        options,
-        campaign,
-        campaign.confirmed(options.by, options.why),
-        [f"{point.name}: cleared by {options.by}"],
-    )
+def _decide(options: argparse.Namespace) -> int:
+    """Confirm or hold the next point, or plan the smaller step before it."""
+    before = load(options.file)
+    after = DECISIONS[options.action](before, options.by, options.why)
+    return _decided(options, before, after, before.next.number)
 
 
-def _smaller(options: argparse.Namespace) -> int:
-    campaign = load(options.file)
-    after = campaign.with_smaller_step(options.by, options.why)
-    point = after.next.point
-    text = [f"{point.name}: planned by {options.by}, {point.peak_deg:.3g} deg"]
-    return _done(options, campaign, after, text)
-
-
-def _hold(options: argparse.Namespace) -> int:
-    campaign = load(options.file)
-    point = campaign.next.point
-    text = [f"{point.name}: hold, by {options.by}"]
-    return _done(options, campaign, campaign.on_hold(options.by, options.why), text)
+DECISIONS = {
+    "confirm": Campaign.confirmed,
+    "smaller": Campaign.with_smaller_step,
+    "hold": Campaign.on_hold,
+}
 
 
 def _abort(options: argparse.Namespace) -> int:
-    campaign = load(options.file)
-    number, point = campaign.next
+    before = load(options.file)
     if options.recording is None and (options.start, options.end) != (None, None):
         raise CampaignError(
             "--start and --end need a recording: give it with --recording, or leave them out"
         )
-    flown = _cut(aborted_flight, options, campaign) if options.recording else None
-    after = campaign.aborted(options.by, options.why, flown)
-    text = f"{point.name}: aborted by {options.by}: {after.points[number].events[-1].words}"
-    return _done(options, campaign, after, [text])
+    flown = _cut(aborted_flight, options, before) if options.recording else None
+    after = before.aborted(options.by, options.why, flown)
+    return _decided(options, before, after, before.next.number)
 
 
 def _fly(options: argparse.Namespace) -> int:
-    campaign = load(options.file)
-    number, point = campaign.next
-    after = campaign.completed(_cut(flown_point, options, campaign), options.by)
-    text = f"{point.name}: complete: {after.points[number].events[-1].words}"
-    return _done(options, campaign, after, [text])
+    before = load(options.file)
+    after = before.completed(_cut(flown_point, options, before), options.by)
+    return _decided(options, before, after, before.next.number)
+
+
+def _decided(options: argparse.Namespace, before: Campaign, after: Campaign, number: int) -> int:
+    """Save what was decided of a point, and print it."""
+    point = after.points[number]
+    text = f"{point.name}: {point.state}: {point.events[-1].words}".rstrip(": ")
+    return _done(options, before, after, [text])
 
 
 def _cut(
@@ -245,21 +222,21 @@ def _identify(options: argparse.Namespace) -> int:
 
 def _recipe(options: argparse.Namespace) -> int:
     campaign = load(options.file)
-    check_file(options.out)
+    out = check_file(options.out or options.file.with_suffix(".recipe.json"))
     point = campaign.next.point
     plain = {"dataset": to_plain(updated(campaign, point))}
     if point.clearing and (monitor := point.clearing.monitor):
         plain["monitor"] = to_plain(monitor)
-    write_whole(options.out, json_codec.encode(plain))
+    write_whole(out, json_codec.encode(plain))
     aircraft = "as planned"
     if campaign.condition_of(point).is_identifiable:
         steps = ", ".join(step.name for step in campaign.flown(point.condition))
         aircraft = f"as identified from {steps}"
     text = (
-        f"written: {options.out}, for {point.name} with the aircraft {aircraft}; "
-        f"train with `forewarn train --recipe {options.out}`"
+        f"written: {out}, for {point.name} with the aircraft {aircraft}; "
+        f"train with `forewarn train --recipe {out}`"
     )
-    print_result(options, text, {"file": str(options.out)} | plain)
+    print_result(options, text, {"file": str(out)} | plain)
     return 0
 
 
@@ -277,9 +254,9 @@ ACTIONS = {
     "add": ("plan more points, at another flight condition", _add),
     "show": ("list the points with predicted and flown results", _show),
     "clear": ("compute whether the next point may be flown", _clear),
-    "confirm": ("confirm the checklist and clear the next point", _confirm),
-    "smaller": ("plan the proposed smaller step before the next point", _smaller),
-    "hold": ("hold the next point", _hold),
+    "confirm": ("confirm the checklist and clear the next point", _decide),
+    "smaller": ("plan the proposed smaller step before the next point", _decide),
+    "hold": ("hold the next point", _decide),
     "abort": ("cancel the next point, or record its aborted flight", _abort),
     "fly": ("attach the recording of the next point and complete it", _fly),
     "identify": ("identify the aircraft from complete points", _identify),

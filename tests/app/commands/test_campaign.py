@@ -167,9 +167,7 @@ def test_a_point_is_aborted_in_flight(campaign: Path, capsys: pytest.CaptureFixt
     assert run(campaign, "abort", *why, "--start", "0", "--end", "9") == 1
     assert "give it with --recording" in capsys.readouterr().err
     assert run(campaign, "abort", *why, "--recording", recorded(campaign)) == 0
-    assert (
-        "aborted by Ann: flutter; flight.csv, entire recording: reached" in capsys.readouterr().out
-    )
+    assert "aborted: flutter; flight.csv, entire recording: reached" in capsys.readouterr().out
     flown = load(campaign).points[0].flown
     assert flown is not None
     assert (flown.y, flown.exceeded) == ((), "")
