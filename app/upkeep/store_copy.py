@@ -1,11 +1,6 @@
-"""Copy a store to an empty database of either kind, whole and verified or not at all.
-
-Between two data directories the recordings and journals are copied too.
-"""
+"""Copy the rows of a store to an empty database of either kind, verified, or none at all."""
 
 import hashlib
-import os
-import shutil
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -13,8 +8,6 @@ from typing import Any
 
 from sqlalchemy import URL, Connection, Engine, Table, insert, select
 
-from app.recordings.files import digest_of
-from app.recordings.flown_journal import link_or_copy
 from app.store.database import (
     StoreError,
     address,
@@ -27,30 +20,21 @@ from app.store.database import (
 from app.store.ownership import owned
 from app.store.schema import create_tables, current_revision, needs_upgrade
 from app.store.tables import metadata
-from app.upkeep.archive import DATABASE, JOURNALS, RECORDINGS
+from app.upkeep.archive import DATABASE
 from core.counted import counted
 
 ROWS_AT_ONCE = 100
 """A row holds up to 256 KiB."""
 
 
-def folder_of(place: str) -> Path | None:
-    """The data directory that a place names; None for the URL of a database."""
-    return None if "://" in place else Path(place).expanduser()
-
-
 def store_address(place: str) -> URL:
     """URL of a database given by its URL, or by the data directory that holds it. StoreError."""
-    folder = folder_of(place)
-    return address(place if folder is None else folder / DATABASE)
+    return address(place if "://" in place else Path(place).expanduser() / DATABASE)
 
 
-def copy_store(
-    source: URL, target: URL, folders: tuple[Path, Path] | None = None
-) -> tuple[dict[str, int], int]:
-    """Copy every row; return their numbers by table, and the number of copied files.
+def copy_store(source: URL, target: URL) -> dict[str, int]:
+    """Copy every row; return their numbers by table.
 
-    folders: data directories, to copy recordings and journals too.
     StoreError, with the target as before, if a server has one of them open, if the target is not
     empty, or if what is read back differs.
     """
@@ -59,15 +43,12 @@ def copy_store(
     if needs_upgrade(source):
         raise StoreError(f"{_name(source)} is from an older program: start `forewarn serve` once")
     numbers: dict[str, int] = {}
-    n_files = 0
     with ExitStack() as held:
         for url in (source, target):
             held.enter_context(owned(url, first=True))
         if current_revision(target) is not None:
             raise StoreError(f"{_name(target)} is not empty: give a new database or directory")
         held.enter_context(_emptied(target))
-        if folders is not None:
-            n_files = held.enter_context(_copied_files(*folders))
         rows = held.enter_context(reading(held.enter_context(_verbatim(source))))
         into = held.enter_context(writing(held.enter_context(_verbatim(target))))
         create_tables(into)
@@ -85,47 +66,7 @@ def copy_store(
                 )
             numbers[table.name] = given.n_rows
         continue_numbers(into, metadata.sorted_tables)
-    return numbers, n_files
-
-
-def n_files_of(folder: Path) -> int:
-    """Number of files of recordings and journals in a data directory."""
-    return len(_files_of(folder))
-
-
-def _files_of(folder: Path) -> list[Path]:
-    within = (path for name in (RECORDINGS, JOURNALS) for path in (folder / name).rglob("*"))
-    incoming = folder / RECORDINGS / "incoming"
-    return sorted(path for path in within if path.is_file() and incoming not in path.parents)
-
-
-@contextmanager
-def _copied_files(source: Path, target: Path) -> Iterator[int]:
-    """Copy recordings and journals; yields the number of files. Removes them if the copy fails."""
-    places = [target / name for name in (RECORDINGS, JOURNALS)]
-    for place in places:
-        if place.is_dir() and any(place.iterdir()):
-            raise StoreError(f"{place} is not empty: give a new directory")
-    copies, files = dict[tuple[int, int], Path](), _files_of(source)
-    try:
-        for path in files:
-            copy, status = target / path.relative_to(source), path.stat()
-            copy.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            same = copies.setdefault((status.st_dev, status.st_ino), copy)
-            link_or_copy(same, copy) if same is not copy else shutil.copyfile(path, copy)
-            os.utime(copy, (status.st_mtime, status.st_mtime))
-            copy.chmod(0o600)
-            if digest_of(copy) != digest_of(path):
-                raise StoreError(f"{copy} differs from {path}: nothing was kept")
-        for folder in (target / RECORDINGS).glob("*"):
-            (folder / "scorings").mkdir(exist_ok=True)
-        yield len(files)
-    except BaseException as error:
-        for place in places:
-            shutil.rmtree(place, ignore_errors=True)
-        if isinstance(error, OSError) and not isinstance(error, StoreError):
-            raise StoreError(f"{target} cannot be written ({error}): nothing was kept") from error
-        raise
+    return numbers
 
 
 class Digest:

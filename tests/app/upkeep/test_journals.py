@@ -89,8 +89,6 @@ def test_a_journal_altered_or_missing_is_found(
     assert [word in line for line in made.manifest.damaged] == [True]
     assert main(["restore", str(backup), "--data-dir", str(backup.parent / "back")]) == 0
     assert word in capsys.readouterr().out
-    assert main(["copy-store", str(settings.data_dir), str(backup.parent / "copy")]) == 0
-    assert word in capsys.readouterr().out
 
 
 def test_doctor_names_all_damage(settings: Settings, journal: Path) -> None:
