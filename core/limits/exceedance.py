@@ -320,7 +320,7 @@ class Exceedances:
         self._note(
             named.channel, [_Beyond(t, named.value, named.limit, named.judged != "recorded")]
         )
-        if named.judged != "recorded":
+        if named.judged != "recorded" and not self._interval_at(named.channel, t).acknowledged:
             skipped = LatchedExceedance(named.channel, t, named.value, False, False, skipped=True)
             self._latched.setdefault(named.channel, skipped)
         if goes_on:
