@@ -15,7 +15,7 @@ from app.assessment.limits_history import InForceTimeline
 from app.assessment.trim import TrimSteps
 from app.telemetry.recording import GAP_RATIO, Trace, Traces
 from core.channels import Dictionary
-from core.limits.exceedance import NOT_PLAUSIBLE, SAME_TIME, TRIM_UNKNOWN, onsets
+from core.limits.exceedance import NOT_PLAUSIBLE, SAME_TIME, TRIM_UNKNOWN, beyond
 from core.limits.limits import Envelope, exceeded_end, shares_of
 from core.types import Array, Flags, Indices
 
@@ -266,7 +266,7 @@ class _Judged(NamedTuple):
 
     @property
     def over(self) -> Indices:
-        return onsets(self.t, self.value, self.low, self.high)
+        return beyond(self.value, self.low, self.high)
 
     @property
     def first(self) -> RecordedExceedance | None:
@@ -555,10 +555,10 @@ def _all_over(
             odd = np.isnan(values) & np.isfinite(sent)
             recorded = np.where(odd, sent, recorded)
             doubt[odd] = OUTSIDE_DOUBTS.index(NOT_PLAUSIBLE)
-        judged = onsets(t, from_trim, low, high)
+        judged = beyond(from_trim, low, high)
         value = recorded
         value[judged], doubt[judged] = from_trim[judged], FROM_TRIM
-        over = onsets(t, value, low, high)
+        over = beyond(value, low, high)
         parts.append([part[over] for part in (t, value, low, high, doubt)])
     return _Over(*map(np.concatenate, zip(*parts, strict=True)))
 

@@ -8,7 +8,7 @@ value as recorded that is further beyond is named beside it.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from math import inf, isfinite, isnan
+from math import isfinite, isnan
 from operator import attrgetter
 from typing import Literal, NamedTuple
 
@@ -103,16 +103,9 @@ class LatchedExceedance:
     """whether a seek passed its samples, so its largest value is not known"""
 
 
-def onsets(
-    t: Array, value: Array, low: Array | float, high: Array | float, apart: float = 0.0
-) -> Indices:
-    """Samples of one channel at which an exceedance begins.
-
-    t, value: (n,).   low, high: (n,) or one.   apart: [s] samples beyond a limit that are no
-    further apart belong to one exceedance; 0 for one exceedance per sample.
-    """
-    over = np.flatnonzero(np.isfinite(value) & ~((value > low) & (value < high)))
-    return over[np.diff(t[over], prepend=-inf) > apart] if apart else over
+def beyond(value: Array, low: Array | float, high: Array | float) -> Indices:
+    """Samples of one channel that exceed a limit.   value: (n,).   low, high: (n,) or one."""
+    return np.flatnonzero(np.isfinite(value) & ~((value > low) & (value < high)))
 
 
 def exceedance(

@@ -1,9 +1,9 @@
 """Attitude for display, from rates if it was not measured, with bounded drift.
 
-phi_dot = p + tan(theta0) r - phi / wash_out_s,   psi_dot = r / cos(theta0),   theta = theta0
+phi_dot = p + tan(theta0) r - phi / WASH_OUT_S,   psi_dot = r / cos(theta0),   theta = theta0
 
 The kinematics of the linear model about wings-level trim (see core.simulation.aircraft), plus a
-slow return to wings level: a rate bias b leads to a bank of b wash_out_s, not to a continuous roll.
+slow return to wings level: a rate bias b leads to a bank of b WASH_OUT_S, not to a continuous roll.
 Only for drawing the aircraft: no monitor or limit may use these angles.
 """
 
@@ -36,27 +36,21 @@ class Attitude(NamedTuple):
 class DisplayAttitude:
     """Integrates sample by sample with the trapezoidal rule; starts and restarts at trim.
 
-    theta0: pitch at trim [rad].   phi0, psi0: bank and heading at the first sample [rad].
+    theta0: pitch at trim [rad]. ValueError beyond the vertical.
     A step back in time starts a new run. Gaps and samples without finite rates hold the attitude.
-    Raises ValueError for theta0 beyond the vertical and a wash-out that is not positive.
     """
 
     theta0: float = 0.0
-    phi0: float = 0.0
-    psi0: float = 0.0
-    wash_out_s: float = WASH_OUT_S
 
     def __post_init__(self) -> None:
         if not abs(self.theta0) < pi / 2:
             raise ValueError(f"theta0 is {self.theta0} rad; pitch at trim lies within 90 degrees")
-        if not self.wash_out_s > 0.0:
-            raise ValueError(f"wash_out_s is {self.wash_out_s}; give a time above zero, or inf")
         self._climb, self._turn = tan(self.theta0), 1.0 / cos(self.theta0)
         self.restart()
 
     def restart(self) -> None:
         """Return to trim: the next sample is the first of a new run."""
-        self._phi, self._psi = wrapped(self.phi0), wrapped(self.psi0)
+        self._phi = self._psi = 0.0
         self._last: tuple[float, float, float] | None = None
 
     def update(self, t: float, p: float, r: float) -> Attitude:
@@ -69,7 +63,7 @@ class DisplayAttitude:
                 then, phi_dot_then, psi_dot_then = self._last
                 dt = t - then
                 if dt <= LONGEST_GAP_S:
-                    fade = exp(-dt / self.wash_out_s)
+                    fade = exp(-dt / WASH_OUT_S)
                     self._phi = wrapped(
                         fade * (self._phi + 0.5 * dt * phi_dot_then) + 0.5 * dt * phi_dot
                     )
@@ -78,14 +72,12 @@ class DisplayAttitude:
         return Attitude(self._phi, self.theta0, self._psi)
 
 
-def attitude(
-    t: Array, y: Array, theta0: float = 0.0, phi0: float = 0.0, psi0: float = 0.0
-) -> Array:
+def attitude(t: Array, y: Array, theta0: float = 0.0) -> Array:
     """Attitude (n, 3) of a whole trajectory: phi, theta, psi [rad], by DisplayAttitude.
 
     t: (n,) [s].   y: (n, 6) in the order of core.channels.
     """
-    display = DisplayAttitude(theta0, phi0, psi0)
+    display = DisplayAttitude(theta0)
     rows = zip(t.tolist(), y[:, P].tolist(), y[:, R].tolist(), strict=True)
     return np.array([display.update(*row) for row in rows]).reshape(-1, 3)
 
