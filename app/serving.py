@@ -11,7 +11,6 @@ from collections.abc import Awaitable, Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from typing import Any
-from urllib.parse import urlsplit
 
 import uvicorn
 from fastapi import FastAPI
@@ -86,22 +85,10 @@ class Server(uvicorn.Server):
             raise
         finally:
             log.disabled = False
-        if self.started and (address := self.app.state.settings.shared) is not None:
-            await self._warn_if_unreachable(address)
         if self.started and self.app.state.settings.real_time:
             self._first = asyncio.create_task(keep_live_threads_first())
         if self.started and self.opened is not None:
             await self.opened(self.app)
-
-    async def _warn_if_unreachable(self, address: str) -> None:
-        parts = urlsplit(address)
-        try:
-            reaching = asyncio.open_connection(parts.hostname, parts.port)
-            _, writer = await asyncio.wait_for(reaching, PATIENCE)
-            writer.close()
-        except OSError as error:
-            reason = str(error) or "no answer"
-            LOG.warning("%s, of --shared, cannot be reached (%s): check it", address, reason)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Stop. Clients that have not read their answer after PATIENCE are dropped."""

@@ -41,7 +41,6 @@ def add(parser: argparse.ArgumentParser) -> None:
         "--keep-open",
         "do not end the flight, given or started, once every sample is durable",
     )
-    parser.add_argument("--end", action="store_true", help=argparse.SUPPRESS)  # the default now
     add_json(parser)
 
 

@@ -1,9 +1,9 @@
 """Limit sets with their versions, limits in force in a flight, and monitor sets."""
 
 import asyncio
-from typing import Annotated, Self
+from typing import Self
 
-from fastapi import APIRouter, Path
+from fastapi import APIRouter
 from pydantic import BaseModel, Field, JsonValue, model_validator
 
 from app.assessment.rulings import check_plausible
@@ -35,7 +35,6 @@ CASES: list[JsonValue] = [
     {"name": "below M 0.8", "ranges": {"mach": [None, 0.8]}, "limits": {"Ny": 0.5}},
     {"name": "from M 0.8 on", "ranges": {"mach": [0.8, None]}, "limits": {"Ny": 0.4}},
 ]
-Version = Annotated[int, Path(ge=1, le=2**31)]
 
 
 class ConditionLimits(ConditionRanges):
@@ -115,12 +114,6 @@ def add_version(set_id: str, new: LimitsText, store: StoreDep, person: PersonDep
     """Store the next version of a limit set. Earlier versions do not change."""
     about = new.limits, signature(person, new.by), new.text
     return store.limit_sets.add_version(set_id, *about)
-
-
-@router.get("/limit-sets/{set_id}/versions/{version}", tags=["limit sets"])
-def read_version(set_id: str, version: Version, store: StoreDep) -> StoredLimits:
-    """One version of a limit set."""
-    return store.limit_sets.version(set_id, version)
 
 
 @router.get("/flights/{flight_id}/limits", tags=["limit sets"])

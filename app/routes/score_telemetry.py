@@ -14,7 +14,6 @@ from core.channels import CHANNELS, KEYS, Dictionary
 from core.computed import fill
 from core.evaluation.certificate import warnings_of
 from core.monitor import Monitor
-from core.monitor.assessment import Exemplar
 
 router = APIRouter(prefix="/api/v1/monitors", tags=["monitors"])
 MOST_SAMPLES = 1_000_000
@@ -46,8 +45,6 @@ class AssessedSample(Described):
     group: str | None
     """group of failing flights whose calibration gives p_value; null while unknown and for monitors
     without groups"""
-    nearest_unsafe: Exemplar | None
-    nearest_safe: Exemplar | None
 
 
 class AssessedTelemetry(Described):
@@ -98,26 +95,14 @@ def _array(key: str, values: Any) -> np.ndarray:
         raise TelemetryError(f"{key} has a number too large for a float") from None
 
 
-_LAST = ("nearest_unsafe", "nearest_safe")
-AssessedRow = msgspec.defstruct(
-    "AssessedRow",
-    [*(name for name in AssessedSample.model_fields if name not in _LAST)]
-    + [(name, Any, None) for name in _LAST],
-    gc=False,
-)
-"""An AssessedSample without exemplars, fast to make and encode."""
+AssessedRow = msgspec.defstruct("AssessedRow", [*AssessedSample.model_fields], gc=False)
+"""An AssessedSample that is fast to make and encode."""
 
 
-def assessed(monitor: Monitor, recording: Recording, epsilon: float, *, why: bool) -> Sequence[Any]:
-    """The assessment of each sample in wire form; `why` adds the exemplars."""
-    keys = monitor.dictionary.keys
-    if why:
-        stream = monitor.stream(epsilon)
-        return [
-            stream.update(t, y).as_dict(keys)
-            for t, y in zip(recording.t.tolist(), recording.y, strict=True)
-        ]
+def assessed(monitor: Monitor, recording: Recording, epsilon: float) -> Sequence[Any]:
+    """The assessment of each sample in wire form."""
     columns = monitor.assess(recording.t, recording.y, epsilon).columns()
+    keys = monitor.dictionary.keys
     columns["y_hat"] = [y and dict(zip(keys, y, strict=True)) for y in columns["y_hat"]]
     return [AssessedRow(*row) for row in zip(*columns.values(), strict=True)]
 
@@ -137,9 +122,6 @@ def score_telemetry(
         float | None,
         Query(ge=1e-6, le=1 - 1e-6, description="miss rate; the monitor's if absent"),
     ] = None,
-    why: Annotated[
-        bool, Query(description="add the nearest simulated rollouts to each assessment")
-    ] = False,
 ) -> AssessedTelemetry:
     """Assess telemetry sample by sample. Its interval must be that of the monitor.
 
@@ -150,7 +132,7 @@ def score_telemetry(
     recording = parse_telemetry(plain, monitor.dictionary)
     with refused(422, "epsilon", ValueError):
         served = monitor.check_epsilon(epsilon)
-    assessments = assessed(monitor, recording, served, why=why)
+    assessments = assessed(monitor, recording, served)
     calibrated = monitor.support is not None
     warnings = warnings_of(monitor.evaluation, served, is_calibrated=calibrated)
     limits = monitor.envelope

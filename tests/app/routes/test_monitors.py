@@ -162,17 +162,8 @@ def test_scores_equal_those_of_the_stream(client, stored, monitor, flights):
         stream = monitor.stream()
         for sample, (t, values) in enumerate(zip(np.arange(len(y)) * monitor.dt, y, strict=True)):
             expected = stream.update(t, values).as_dict()
-            expected |= {"nearest_unsafe": None, "nearest_safe": None}
-            assert said[sample] == expected
-
-
-def test_scores_name_their_exemplars_on_request(client, stored, monitor, flights):
-    body = telemetry(flights[0], monitor.dt)
-    said = client.post(f"/api/v1/monitors/{stored}/score?why=true", json=body).json()
-    stream = monitor.stream()
-    expected = [stream.update(t, y).as_dict() for t, y in zip(body["t"], flights[0], strict=True)]
-    assert said["assessments"] == expected
-    assert expected[-1]["nearest_unsafe"]["theta"].keys() == set(monitor.theta_names)
+            exemplars = {"nearest_unsafe", "nearest_safe"}
+            assert said[sample] == {k: x for k, x in expected.items() if k not in exemplars}
 
 
 def test_epsilon_decides_the_alerts(client, stored, monitor, flights):
