@@ -17,8 +17,8 @@ from app.recipes.recipes import (
     dataset_recipe,
     from_plain,
     monitor_as_ordered,
-    own_code,
     simulated_test,
+    test_of,
     to_plain,
 )
 from app.store.store import Store
@@ -169,15 +169,12 @@ def planned_test(members: Sequence[Monitor], lead: float) -> ManeuverTest:
 
     ValueError if they do not fit together or were not trained on simulated flights.
     """
-    plain = check_members(members, lead).dataset_recipe
-    recipe = simulated_test(plain)
-    if recipe is None:
-        reason = own_code(plain) or "has no recipe to simulate fresh failures"
-        raise ValueError(
-            f"the test of the members {reason}; combine them in Python, "
-            "core.monitor.combine(members, flights, lead=...), on failing flights of your own"
-        )
-    return recipe
+    return test_of(
+        check_members(members, lead).dataset_recipe,
+        "the test of the members",
+        "combine them in Python, core.monitor.combine(members, flights, lead=...), on failing "
+        "flights of your own",
+    )
 
 
 def study_request(plain: dict[str, Any], store: Store, max_bytes: int) -> StudyRecipe:
@@ -231,12 +228,8 @@ def _test_of(requested: Requested, store: Store, remedy: str = "") -> ManeuverTe
     """The recipe, given or stored. RecipeError if a stored dataset was not simulated."""
     if isinstance(requested, ManeuverTest):
         return requested
-    plain = store.datasets.info(requested).recipe
-    if (recipe := simulated_test(plain)) is None:
-        what = own_code(plain) or "was not simulated here"
-        reason = f"dataset {requested} {what}; give a recipe instead"
-        raise RecipeError(f"{reason} {remedy}".strip())
-    return recipe
+    remedy = f"give a recipe instead {remedy}".strip()
+    return test_of(store.datasets.info(requested).recipe, f"dataset {requested}", remedy)
 
 
 def _linear(recipe: ManeuverTest, remedy: str) -> DatasetRecipe:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from app.recipes.recipes import own_code, simulated_test
+from app.recipes.recipes import simulated_test, test_of
 from core.counted import pace
 from core.dataset import FLOWN, Dataset
 from core.evaluation.certificate import USES
@@ -189,15 +189,8 @@ def simulate(
 
 def test_to_fly(monitor: Monitor) -> ManeuverTest:
     """The monitor's planned test, to fly again. ValueError if it is not known."""
-    recipe = simulated_test(monitor.dataset_recipe)
-    if reason := own_code(monitor.dataset_recipe):
-        raise ValueError(f"the test of this monitor {reason}")
-    if recipe is None:
-        raise ValueError(
-            "the monitor has no recipe of its planned test, so no fresh flights can be flown: "
-            "choose a monitor of simulated flights"
-        )
-    return recipe
+    remedy = "choose a monitor of simulated flights"
+    return test_of(monitor.dataset_recipe, "the test of this monitor", remedy)
 
 
 def train_and_test(

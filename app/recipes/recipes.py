@@ -148,14 +148,13 @@ def stored_names(plain: Any, where: str = "dataset") -> Any:
 def from_plain(default: Any, plain: Any, where: str = "recipe") -> Any:
     """`default` with the values of `plain`, each checked for its type. RecipeError."""
     if isinstance(default, ManeuverTest) and isinstance(plain, dict) and SIMULATOR in plain:
-        raise RecipeError(f"{where} {own_code(plain)}")
+        raise RecipeError(f"{where} {_not_simulated(plain)}")
     return recipe.from_plain(default, plain, where, _checked, {STORED_LIMITS: LIMITS})
 
 
-def own_code(plain: Mapping[str, Any]) -> str:
-    """Why the test of an own simulator is not simulated here; empty for other recipes."""
+def _not_simulated(plain: Mapping[str, Any]) -> str:
     if SIMULATOR not in plain:
-        return ""
+        return "was not simulated here"
     return (
         f"is flown by the simulator {given(plain[SIMULATOR])}, which runs only on the command "
         "line, by forewarn train, never by a request or an upload"
@@ -168,6 +167,14 @@ def simulated_test(plain: dict[str, Any]) -> ManeuverTest | None:
         return from_plain(default_test(plain), plain, "dataset") if plain else None
     except ValueError:
         return None
+
+
+def test_of(plain: dict[str, Any], what: str, remedy: str) -> ManeuverTest:
+    """The recipe that `what` stores as plain data. RecipeError if it has no known one."""
+    test = simulated_test(plain)
+    if test is None:
+        raise RecipeError(f"{what} {_not_simulated(plain)}: {remedy}")
+    return test
 
 
 @cache

@@ -48,4 +48,4 @@ def test_what_cannot_be_chosen_is_one_error(file: Path, tmp_path: Path, capsys) 
     bare = tmp_path / "bare.fwm"
     replace(train(collect(DatasetRecipe(n_unsafe=20))), dataset_recipe={}).save(bare)
     assert main(["choose-epsilon", str(bare), "--cost-of-miss", "1"]) != 0
-    assert "no recipe of its planned test" in capsys.readouterr().err
+    assert "was not simulated here" in capsys.readouterr().err
