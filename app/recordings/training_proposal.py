@@ -135,9 +135,7 @@ def training_proposal(
     reasons += words
     return {
         "recipe": recipe,
-        "aircraft": None,
         "reasons": reasons,
-        "channels": recorded,
         "missing_channels": missing,
         "can_train": bool(method) or not missing,
         "manoeuvre": None if largest is None else {"start": largest.start, "end": largest.end},
@@ -147,12 +145,10 @@ def training_proposal(
 def _without_lateral_channels() -> dict[str, Any]:
     return {
         "recipe": {"dataset": {}},
-        "aircraft": None,
         "reasons": [
             "No lateral channel is mapped, and only lateral manoeuvres are simulated here: train a "
             "monitor on rollouts of your own simulator."
         ],
-        "channels": [],
         "missing_channels": list(KEYS),
         "can_train": False,
         "manoeuvre": None,

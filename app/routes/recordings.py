@@ -231,9 +231,7 @@ class TrainingProposal(Described):
     """part of a body of `POST /monitors`: `dataset` with `maneuver`, `limits` and `dt`, `t_early`,
     and the `predictor` and `score` of a method that works without the missing channels; unknown
     parts are absent"""
-    aircraft: None = Field(description="always null: a recording does not name its aircraft")
     reasons: list[str] = Field(description="where each proposal comes from, and what to check")
-    channels: list[str] = Field(description="keys of the recorded channels")
     missing_channels: list[str]
     can_train: bool = Field(description="whether a monitor trained by this recipe can score it")
     manoeuvre: TimeInterval | None = Field(description="the control input behind it")
