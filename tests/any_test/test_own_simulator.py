@@ -184,7 +184,7 @@ same = replace(pitch, parameters={"stiffness": (6.0, 0.0), "gain": (1.0, 0.0)},
         ("my_broken:misspelt", "no parameter gian: did you mean gain?"),
         ("my_broken:negative", "'gain' is (1.0, -0.2): give (nominal value, spread of 0 or more)"),
         ("my_broken:slow", "has dt=50 s, longer than the warning lead time of 0.25 s: give its"),
-        ("my_unknown:pitch", "no 'channel': did you mean channels?"),
+        ("my_unknown:pitch", "got an unexpected keyword argument 'channel': correct it"),
         ("my_broken.py:nan", "sim:fly for fly in sim.py"),
         ("my_broken:narow", "did you mean narrow?"),
         ("my_broken", "write it as package.module:name"),
@@ -200,7 +200,8 @@ def test_what_cannot_be_used_is_refused_in_one_sentence(
     (folder / "my_syntax.py").write_text("def fly():\n    return (\n")
     (folder / "my_import.py").write_text("import no_such_library\n")
     (folder / "my_unknown.py").write_text(
-        "from core.simulation.python_simulator import simulator\npitch = simulator(channel=[])"
+        "from core.simulation.python_simulator import simulator\n"
+        "pitch = simulator(channel=[])(print)"
     )
     assert told in refusal(capsys, "--simulator", name, "--max-rollouts", "3000")
 
