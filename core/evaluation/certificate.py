@@ -61,12 +61,18 @@ class Certificate:
     """Shares of fresh flights at a tested epsilon; None without flights to count.
 
     missed: failing flights, valid and without a timely alert.   quiet: safe flights, valid and
-    without an alert ("power"); an older version may have counted invalid ones among them.
+    without an alert ("power").   fail_given_alert: failing flights among those with an alert.
+    withdrawn, safe_withdrawn: failing flights invalid before an alert, and safe flights invalid
+    without an alert; they are in neither share. None where an older version did not count them;
+    its quiet flights may include invalid ones.
     """
 
     epsilon: float
     missed: Share | None
     quiet: Share | None
+    fail_given_alert: Share | None
+    withdrawn: int | None = None
+    safe_withdrawn: int | None = None
 
     @property
     def is_worse_than_promised(self) -> bool:
@@ -121,10 +127,18 @@ def certificate(evaluation: Mapping[str, Any] | None, epsilon: float) -> Certifi
         dict(zip(curves, values, strict=True)) for values in zip(*curves.values(), strict=True)
     ]
     at = min(points, key=lambda point: abs(point["epsilon"] - epsilon))
+    misses, false_alerts = int(at["misses"]), int(at["false_alerts"])
+    withdrawn, safe_withdrawn = at.get("withdrawn"), at.get("safe_withdrawn")
     n_unsafe, n_safe = evaluation["n_unsafe"], evaluation["n_safe"]
-    quiet = n_safe - int(at["false_alerts"]) - (at.get("safe_withdrawn") or 0)
-    missed = _share(int(at["misses"]), n_unsafe)
-    return Certificate(at["epsilon"], missed, _share(quiet, n_safe))
+    caught = n_unsafe - misses - (withdrawn or 0)
+    return Certificate(
+        at["epsilon"],
+        _share(misses, n_unsafe),
+        _share(n_safe - false_alerts - (safe_withdrawn or 0), n_safe),
+        _share(caught, caught + false_alerts),
+        withdrawn,
+        safe_withdrawn,
+    )
 
 
 def with_power_of_quiet(evaluation: Mapping[str, Any]) -> dict[str, Any]:

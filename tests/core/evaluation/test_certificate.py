@@ -33,6 +33,8 @@ def test_the_certificate_uses_the_nearest_tested_epsilon() -> None:
     assert tested is not None
     assert tested.missed is not None
     assert (tested.epsilon, tested.missed.count) == (0.05, 4)
+    assert tested.fail_given_alert is not None
+    assert tested.fail_given_alert.total == 96 + 50
 
 
 @pytest.mark.parametrize("misses", range(40, 80))
@@ -82,8 +84,16 @@ def test_warnings_give_share_interval_and_promise() -> None:
 def test_missing_counts_are_none() -> None:
     tested = certificate(evaluation(0, 0, n=0), 0.1)
     assert tested is not None
-    assert (tested.missed, tested.quiet) == (None, None)
+    assert (tested.missed, tested.quiet, tested.fail_given_alert) == (None, None, None)
     assert tested.warnings == []
+
+
+def test_withdrawn_flights_are_neither_missed_nor_caught() -> None:
+    counts = {"misses": 10, "false_alerts": 30, "withdrawn": 40}
+    tested = certificate(evaluation(0, 0, at_epsilon=counts), 0.1)
+    assert tested is not None
+    assert tested.fail_given_alert is not None
+    assert (tested.fail_given_alert.count, tested.fail_given_alert.total) == (450, 480)
 
 
 def test_invalid_safe_flights_do_not_make_a_monitor_useful() -> None:
