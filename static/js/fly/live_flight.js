@@ -184,7 +184,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     scene.show(newest, hello);
     if (newest === null) return;
     address?.waiting(false);
-    source?.explain(newest.reason);
+    source?.show({ why: newest.reason });
     showEventsUntil(newest.t);
     notes?.moved(newest.t);
   }
@@ -289,7 +289,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     hello.live = live;
     setZero(...liveZero(live));
     if (panels.problem.hidden && live.problem !== "") sound.caution();
-    source.update(live, hello);
+    source.show({ live, lead: hello.lead });
     alarm.show({ doubts: live.doubts });
     showTrims(live.trims);
     address.describe({ ...hello, live });
@@ -333,7 +333,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     element.dataset.flight = link;
     const isLinked = link === "open";
     transport.setUsable(isLinked);
-    source?.setUsable(isLinked);
+    source?.show({ isLinked });
     address?.setLinked(isLinked);
     alarm.show({ isLinked });
     display?.setLinked(isLinked);
@@ -403,7 +403,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     coverScene(headline, wall);
     if (headline !== null) {
       follow(headline, display.withdrawal);
-      source?.setStale(isStale(headline));
+      source?.show({ isStale: isStale(headline) });
       card.draw({ frame: display.newest, begun: manoeuvres(), condition: hello.live?.condition ?? null, ring: display.chart.ring, stale: isStale(headline) });
       alarm.show({ stale: isStale(headline) ? staleText(display.cause, display.timeline.age(wall)) : "" });
     }

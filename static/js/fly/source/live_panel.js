@@ -5,10 +5,10 @@
  *     begin() -> Promise    marks that a manoeuvre begins now
  *     accept(sender) -> Promise    makes another sender of datagrams the source
  *     address() -> bool    shows or hides the source's addresses; whether they are shown
- *   update(live, {lead})     as hello or the message `live` has it; lead: shown [s], the delay subtracted
- *   explain(reason)          of the newest sample: what the trim is waiting for
- *   setUsable(boolean)       false while there is no connection
- *   setStale(boolean)        whether the display is stale: the lag is then unknown
+ *   show({live, lead, why, isLinked, isStale})     what has changed; live: as hello or the message `live` has it;
+ *     lead: shown [s], the delay subtracted.   why: of the newest sample, what the trim is waiting for
+ *     isStale: the display, so the lag is unknown
+ *   begin()                  by a key
  * beginningNote({number, t}) -> {event, flag}    of a manoeuvre, for the event list and the strips
  * trimNotes(trims, channels) -> [{event, flag}]    of changes of the trim that is subtracted: of one time one event
  * lossText(live, moments) -> [string]   samples of an ended flight, received and not used, by kind; moments: times of
@@ -58,49 +58,44 @@ export function createLivePanel({ line, problem }, { begin, accept, address, eve
   const beginButton = h("button", { type: "button", class: "button button-small begin-button", title: "Mark that a manoeuvre begins now, if the surfaces do not show it (key G)", onclick: press, ...needs(BEGIN) }, "Manoeuvre begins ", h("span", { class: "marker-key" }, "[G]"));
   const open = h("button", { type: "button", class: "button button-small", "aria-expanded": "false", title: "Addresses for samples", onclick: () => open.setAttribute("aria-expanded", String(address())) }, "Address");
   const figures = h("div", { class: "live-items" });
-  const { items, show } = createItems(figures, ITEMS, "live");
-  const acceptButton = h("button", { type: "button", class: "button button-small", hidden: true, title: "Accept datagrams from this sender instead of the current one", onclick: () => failure.attempt(() => accept(live.other_sender)), ...needs(ACCEPT) });
+  const { items, show: item } = createItems(figures, ITEMS, "live");
+  const acceptButton = h("button", { type: "button", class: "button button-small", hidden: true, title: "Accept datagrams from this sender instead of the current one", onclick: () => failure.attempt(() => accept(now.live.other_sender)), ...needs(ACCEPT) });
   line.append(h("strong", { class: "live-word" }, "LIVE"), beginButton, open, acceptButton, failure.element);
   line.after(figures);
+  const now = { live: null, lead: 0, why: "", isLinked: false, isStale: false };
   let steps = 0; // of the source's clock, already listed
-  let live = null;
-  let [usable, stale] = [false, false];
-  let why = "";
 
-  const count = (key, n, level = "caution") => show(key, n > 0 ? n.toLocaleString("en") : "", level);
+  const count = (key, n, level = "caution") => item(key, n > 0 ? n.toLocaleString("en") : "", level);
 
-  function update(given, { lead }) {
-    live = given;
-    const { delay, counts } = live;
-    showNow();
-    show("delay", `${Number(delay.toFixed(3))} s`);
-    show("lead", `${leadSeconds(lead)} s`);
-    show("batches", live.batches.toLocaleString("en"));
+  function show(given) {
+    if (Object.entries(given).every(([key, value]) => now[key] === value)) return;
+    Object.assign(now, given);
+    if (now.live !== null) draw(now);
+  }
+
+  function draw({ live, lead, isLinked, isStale }) {
+    const { delay, counts, interval, lag } = live;
+    const isKnown = isLinked && !isStale;
+    item("rate", !isLinked || interval === null ? "–" : `${rate(1 / interval)} Hz`);
+    item("lag", isKnown ? `${lag.toFixed(2)} s` : "–", isKnown && lag > LATE ? "caution" : "");
+    item("delay", `${Number(delay.toFixed(3))} s`);
+    item("lead", `${leadSeconds(lead)} s`);
+    item("batches", live.batches.toLocaleString("en"));
     for (const [kind] of KINDS) count(kind, counts[kind], HARMLESS.includes(kind) ? "" : "caution");
-    count("malformed", live.malformed);
-    count("foreign", live.foreign);
-    count("resumed", live.resumed);
+    for (const kind of ["malformed", "foreign", "resumed"]) count(kind, live[kind]);
     acceptButton.hidden = !live.other_sender;
     put(acceptButton, `Accept sender ${live.other_sender}`);
-    show("doubts", (live.doubts ?? []).join("; "), "caution");
-    show("drift", live.drift ? `${live.drift} ppm` : "");
+    item("doubts", (live.doubts ?? []).join("; "), "caution");
+    item("drift", live.drift ? `${live.drift} ppm` : "");
     listUnread(live.unread ?? []);
     listSteps(counts.clock_steps);
     showManoeuvre();
-    showProblem();
+    showProblem(live);
     live.begun.filter(({ number }) => !known.has(number)).forEach(mark);
   }
 
-  /** Known only while connected, the lag only while samples come. */
-  function showNow() {
-    const { interval, lag } = live;
-    const known = usable && !stale;
-    show("rate", !usable || interval === null ? "–" : `${rate(1 / interval)} Hz`);
-    show("lag", known ? `${lag.toFixed(2)} s` : "–", known && lag > LATE ? "caution" : "");
-  }
-
   function listUnread(names) {
-    show("unread", names.join(", "));
+    item("unread", names.join(", "));
     const fresh = names.filter((name) => !strange.has(name));
     fresh.forEach((name) => strange.add(name));
     if (fresh.length > 0) events.add({ t: null, text: `no channel reads these names of the source: ${fresh.join(", ")}`, seen: true });
@@ -112,16 +107,15 @@ export function createLivePanel({ line, problem }, { begin, accept, address, eve
   }
 
   function showManoeuvre() {
-    const { trim, manoeuvre } = live;
+    const { why, isLinked, live: { trim, manoeuvre } } = now;
     const phase = manoeuvre > 0 ? `manoeuvre ${manoeuvre} in progress` : why.split(":")[0] || "no manoeuvre";
-    show("phase", trim === "none" ? "everything is assessed" : phase);
+    item("phase", trim === "none" ? "everything is assessed" : phase);
     items.phase.box.title = manoeuvre > 0 ? "Assessed from the trim before it" : why;
     beginButton.hidden = trim === "none";
-    beginButton.disabled = !usable || manoeuvre > 0;
+    beginButton.disabled = !isLinked || manoeuvre > 0;
   }
 
-  function showProblem() {
-    const { problem: disk, refused = "" } = live;
+  function showProblem({ problem: disk, refused = "" }) {
     problem.hidden = disk === "" && refused === "";
     if (refused !== "") put(problem, `◆ REFUSED: the source's newest message: ${refused}`);
     if (disk !== "") put(problem, `◆ NOT DURABLE: the disk cannot be written (${disk}). Samples are shown, but not acknowledged: free some space.`);
@@ -133,32 +127,13 @@ export function createLivePanel({ line, problem }, { begin, accept, address, eve
   }
 
   async function press() {
-    if (live === null || live.trim === "none" || !may(BEGIN)) return;
+    if (now.live === null || now.live.trim === "none" || !may(BEGIN)) return;
     beginButton.disabled = true;
     await failure.attempt(begin);
     showManoeuvre();
   }
 
-  return {
-    update,
-    begin: press,
-    explain: (reason) => {
-      if (reason === why) return;
-      why = reason;
-      if (live !== null) showManoeuvre();
-    },
-    setStale: (is) => {
-      if (is === stale) return;
-      stale = is;
-      if (live !== null) showNow();
-    },
-    setUsable: (is) => {
-      usable = is;
-      if (live === null) return;
-      showNow();
-      showManoeuvre();
-    },
-  };
+  return { show, begin: press };
 }
 
 export function beginningNote({ number, t }) {
