@@ -183,7 +183,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   function onFrames(frames, newest) {
     scene.show(newest, hello);
     if (newest === null) return;
-    address?.waiting(false);
+    address?.show({ isWaiting: false });
     source?.show({ why: newest.reason });
     showEventsUntil(newest.t);
     notes?.moved(newest.t);
@@ -275,7 +275,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     resumed = hello.live.resumed;
     address = createSourceAddress(panels.address, id);
     address.describe(hello);
-    address.waiting(hello.head < 0);
+    address.show({ isWaiting: hello.head < 0 });
     panels.calls.after(panels.live);
     source = createLivePanel(
       { line: panels.live, problem: panels.problem },
@@ -334,7 +334,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     const isLinked = link === "open";
     transport.setUsable(isLinked);
     source?.show({ isLinked });
-    address?.setLinked(isLinked);
+    address?.show({ isLinked });
     alarm.show({ isLinked });
     display?.setLinked(isLinked);
     if (link === "lost") display?.lose();

@@ -1,8 +1,8 @@
 /**
  * Where to send the samples of a live flight: addresses, channels and commands.
  *
- * createSourceAddress(element, flight) -> {describe(hello), waiting(boolean), setLinked(boolean), toggle() -> is open}
- *     waiting: before the first sample, it is all that is shown
+ * createSourceAddress(element, flight) -> {describe(hello), show({isWaiting, isLinked}), toggle() -> is open}
+ *     isWaiting: for the first sample, so it is all that is shown
  */
 
 import { asksForToken } from "../../lib/api.js";
@@ -14,9 +14,7 @@ const ANY = /^(0\.0\.0\.0|\[::\]):/; // every address of the server
 export function createSourceAddress(element, flight) {
   element.classList.add("source-address");
   element.hidden = true;
-  let isWaiting = false;
-  let isOpen = false;
-  let isLinked = true;
+  const now = { isWaiting: false, isLinked: true, isOpen: false };
   let described = "";
   const title = h("h2", {});
 
@@ -33,32 +31,23 @@ export function createSourceAddress(element, flight) {
   }
 
   function titleNow() {
-    if (!isWaiting) return "Where to send samples";
-    return isLinked ? "NO DATA: waiting for the first sample" : "STALE: not connected to the server";
+    if (!now.isWaiting) return "Where to send samples";
+    return now.isLinked ? "NO DATA: waiting for the first sample" : "STALE: not connected to the server";
   }
 
-  function show() {
+  function show(given) {
+    Object.assign(now, given);
     put(title, titleNow());
-    element.hidden = !isWaiting && !isOpen;
-    element.parentElement?.toggleAttribute("data-waiting", isWaiting);
+    element.hidden = !now.isWaiting && !now.isOpen;
+    element.parentElement?.toggleAttribute("data-waiting", now.isWaiting);
   }
 
-  return {
-    describe,
-    waiting: (is) => {
-      isWaiting = is;
-      show();
-    },
-    setLinked: (is) => {
-      isLinked = is;
-      show();
-    },
-    toggle: () => {
-      isOpen = !isOpen;
-      show();
-      return isOpen;
-    },
-  };
+  function toggle() {
+    show({ isOpen: !now.isOpen });
+    return now.isOpen;
+  }
+
+  return { describe, show, toggle };
 }
 
 function addresses(flight, { udp }) {
