@@ -76,8 +76,8 @@ function exceedancesOf({ exceedances: n, exceedances_as_recorded: recorded, exce
   return [count(n), recorded > 0 && hint(`${count(recorded)} more as recorded only`), outside > 0 && hint(`${count(outside)} more outside`)];
 }
 
-function noVerdictOf({ no_verdict: n, exceedances, exceedances_as_recorded: recorded, warned_in_time: inTime, warned_late: late, misses }) {
-  const exceeded = recorded === null ? 0 : exceedances - inTime - late - misses;
+function noVerdictOf({ no_verdict: n, exceedances, warned_in_time: inTime, warned_late: late, misses }) {
+  const exceeded = exceedances - inTime - late - misses;
   return [count(n), exceeded > 0 && hint(`${count(exceeded)} with an exceedance`)];
 }
 
