@@ -16,7 +16,7 @@
 import { formatted, h, put, svg } from "../lib/dom.js";
 import { figure, magnitude, magnitudeIn, percent, shownIn } from "../lib/numbers.js";
 
-export const PHASES = ["before", "input", "response", "after"];
+const PHASES = ["before", "input", "response", "after"];
 const NEAR = 1e-6; // s
 const WAITS = { rest: "rest", moving: "stillness", ready: "step" }; // what comes next, by the cause of a sample between manoeuvres
 const [WIDTH, HEIGHT, PAD] = [260, 58, 4];

@@ -110,7 +110,7 @@ export function createWall(element, view, address, tone = null) {
   };
 }
 
-export function limitRows(channels, y, latched, widest = null) {
+function limitRows(channels, y, latched, widest = null) {
   const all = (widest === null ? channels : withLimits(channels, widest)).map((channel, k) => {
     const limits = limitsOf(channel);
     const value = y?.[k] ?? NaN;

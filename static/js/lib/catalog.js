@@ -22,7 +22,7 @@ export function methodWords(catalog, recipe) {
   return methodOf(catalog, recipe)?.label ?? parts.join(", ");
 }
 
-export function aircraftName(catalog, part) {
+function aircraftName(catalog, part) {
   if (part?.base) return `${aircraftName(catalog, part.base)}, identified`;
   const { aircraft, nonlinear_aircraft: nonlinear, jsbsim_aircraft: jsbsim } = catalog.families;
   if (part?.kind in jsbsim.entries) return `JSBSim ${part.model}`;
@@ -40,7 +40,7 @@ export function testModel({ families }, test = null) {
 
 export const testRecipe = (catalog, test) => catalog.recipes[testModel(catalog, test)];
 
-export function kindName(catalog, family, part) {
+function kindName(catalog, family, part) {
   return catalog.families[family].entries[part?.kind]?.label ?? part?.kind ?? "not recorded";
 }
 

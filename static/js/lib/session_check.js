@@ -8,7 +8,7 @@
 
 import { remember, remembered } from "./storage.js";
 
-export const RESULTS = ["failed", "not done", "passed"]; // worst first
+const RESULTS = ["failed", "not done", "passed"]; // worst first
 const KEY = "forewarn.session_check";
 const VALID = 12 * 3600 * 1000; // ms
 const LONGEST = 2000; // letters of an event
