@@ -100,15 +100,20 @@ def flown_and_scored(
             request = {"source": {"kind": "live", "trim": trim}} | by
             flight: Any = await flights.start(FlightRequest.model_validate(request), "Ann")
             now, waiting = 0.0, sorted(calls)
+            receipts: list[Any] = []
             for arrived, t, y, mach in arrivals:
                 clock.advance(max(arrived - now, 0.0))
                 now = max(arrived, now)
                 values = [None if np.isnan(value) else value for value in y.tolist()]
                 sent = {"t": t, **dict(zip(KEYS, values, strict=True))}
                 sent |= {} if mach is None else {"mach": mach}
-                await flight.receive(json.dumps(sent), "rest").stored
+                receipts.append(flight.receive(json.dumps(sent), "rest"))
+                if len(receipts) % 10 == 0:
+                    await receipts[-1].stored
                 while waiting and waiting[0] <= t:
                     await flights.mark(flight.id, "abort", "Ann", None, waiting.pop(0))
+            for receipt in receipts:
+                await receipt.stored
             clock.advance(0.2)
             await flights.stop(flight.id)
         return flight.id

@@ -18,6 +18,7 @@ from app.store.flights import INTERRUPTED
 from app.store.tables import flights as flight_rows
 from app.telemetry.journal import Journals
 from core.channels import KEYS
+from core.types import Array
 from tests.app.flights.test_flights import monitor
 from tests.support.api import api, problem, store_of
 from tests.support.patience import PATIENCE
@@ -50,8 +51,17 @@ class Range:
         return answer.json()["id"]
 
     def push(self, flight: str, k: int, **values: Any) -> None:
-        sent = {"sequence": k, "t": [k * DT]} | (values or samples(k))
+        """Send sample k, or as many from there as there are values."""
+        values = values or samples(k)
+        n = len(next(iter(values.values())))
+        sent = {"sequence": k, "t": [i * DT for i in range(k, k + n)]} | values
         assert self.client.post(f"{FLIGHTS}/{flight}/samples", json=sent).status_code == 200
+
+    def push_all(self, flight: str, y: Array, first: int = 0, at_once: int = 1) -> None:
+        """Send the samples y (n, 6) from the first one on."""
+        for k in range(first, len(y), at_once):
+            batch = y[k : k + at_once].T.tolist()
+            self.push(flight, k, **dict(zip(KEYS, batch, strict=True)))
 
     def end(self, flight: str) -> dict[str, Any]:
         return self.client.post(f"{FLIGHTS}/{flight}/end").json()

@@ -64,8 +64,8 @@ def test_a_flight_its_recording_and_a_file_have_one_verdict(
 ) -> None:
     y, client = WAYS[way], range_.client
     flight = range_.start(way, trim=trim)
-    for k, row in enumerate(y.tolist()):
-        range_.push(flight, k, **{key: [value] for key, value in zip(KEYS, row, strict=True)})
+    range_.push_all(flight, y[:FIRST], at_once=10)
+    range_.push_all(flight, y, FIRST)
     ended = range_.end(flight)
     frames = client.get(f"{FLIGHTS}/{flight}/assessments", params={"limit": N}).json()["frames"]
     file = uploaded(client, csv_of(y, DT), name=f"{way}.csv")
@@ -93,8 +93,7 @@ def test_a_flight_its_recording_and_a_file_have_one_verdict(
 def test_one_from_trim_follows_one_as_recorded_without_a_break(range_: Range) -> None:
     """Both are told, with their own times; the verdict and its warning are of that from trim."""
     flight = range_.start("follows", trim="detected")
-    for k, row in enumerate(WAYS["from_trim_after_as_recorded"].tolist()):
-        range_.push(flight, k, **{key: [value] for key, value in zip(KEYS, row, strict=True)})
+    range_.push_all(flight, WAYS["from_trim_after_as_recorded"])
     ended = range_.end(flight)
     recording = range_.recording_of(flight)["id"]
     request = {"monitor": range_.monitor, "epsilon": ended["epsilon"]}
