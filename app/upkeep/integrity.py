@@ -62,14 +62,14 @@ class Item:
     name: str
     check: Callable[[], object]
 
-    def damage(self) -> Damage | None:
-        """None if the item is intact or was deleted meanwhile. Elsewhere."""
+    def damage(self) -> Damage | Elsewhere | None:
+        """None if the item is intact or was deleted meanwhile."""
         try:
             self.check()
         except NotFound:
             return None
-        except Elsewhere:
-            raise
+        except Elsewhere as error:
+            return error
         except StoreError as error:
             return Damage(self.kind, self.id, self.name, str(error))
         return None
@@ -93,12 +93,7 @@ def inventory_of(url: str, data_dir: Path) -> Inventory:
     numbers, damaged, unverified = Counter[str](), list[str](), set[str]()
     with closing(open_store(url, recover=False)) as store:
         for item in all_items(store, files, journals, unverified):
-            try:
-                damage = item.damage()
-            except Elsewhere as elsewhere:
-                damaged.append(str(elsewhere))
-                continue
-            if damage is None:
+            if (damage := item.damage()) is None:
                 numbers[item.kind] += 1
             else:
                 damaged.append(str(damage))
@@ -276,13 +271,12 @@ class Integrity:
             self._find_unlisted()
             about = self.store, self.files, self.journals, self.unverified
             for item in all_items(*about, pace.rest):
-                try:
-                    if (damage := item.damage()) is not None:
-                        self._note(damage)
-                except Elsewhere as error:
-                    if item.kind in ("recording", "flight"):
-                        LOG.error("%s: %s", item.name, error)
-                        self._elsewhere.add(item.id)
+                damage = item.damage()
+                if isinstance(damage, Damage):
+                    self._note(damage)
+                elif damage and item.kind in ("recording", "flight"):
+                    LOG.error("%s: %s", item.name, damage)
+                    self._elsewhere.add(item.id)
                 self.n_checked += 1
                 pace.rest()
         except Damaged as error:
