@@ -193,9 +193,12 @@ def test_pushes_are_durable(server: LiveServer, tmp_path: Path, monkeypatch: pyt
     monkeypatch.chdir(tmp_path)
     assert main(["sample-flight"]) == 0
     lines = [words for words in commands("first-live-flight") if words[0] == "push"]
-    assert len(lines) == 2
+    assert len(lines) == 3
+    cases = [{"name": "all", "monitor": server.monitor_id, "ranges": {"mach": [0.8, 0.9]}}]
+    body = {"name": "doublet", "cases": cases}
+    made = httpx2.post(f"{server.url}/api/v1/monitor-sets", json=body).raise_for_status()
     for words in lines:
-        ids = {"MONITOR": server.monitor_id}
+        ids = {"MONITOR": server.monitor_id, "SET": made.json()["id"]}
         if "FLIGHT" in words:
             ids["FLIGHT"] = flown(server, udp=0)
         words = [ids.get(word, word) for word in words]

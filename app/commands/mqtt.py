@@ -12,8 +12,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
+from app.commands.options.condition import declared_of
 from app.commands.options.option import option
 from app.commands.push import TOKEN, add_flight, start_flight
+from core.conditions import ConditionKey
 
 if TYPE_CHECKING:  # slow to import, and not needed for help
     from app.client import LiveClient
@@ -49,10 +51,11 @@ def run(options: argparse.Namespace) -> int:
     broker, topic = broker_of(options), topic_of(options.prefix, options.source)
     from app.client.mqtt_bridge import MqttBridge, try_broker  # slow to import, not needed for help
 
+    declared = declared_of(options)
     if options.flight is None:
         try_broker(broker, topic)  # a wrong broker starts no flight
     bridge = MqttBridge(broker, topic, options.server, os.environ.get(TOKEN), say)
-    join_or_start(bridge.client, options)
+    join_or_start(bridge.client, options, declared)
     say(f"{broker} {topic}/samples into {bridge.client.address}")
     say(asyncio.run(bridge.run()))
     return 0
@@ -62,7 +65,9 @@ def say(text: str) -> None:
     print(f"forewarn: {text}", file=sys.stderr, flush=True)
 
 
-def join_or_start(client: LiveClient, options: argparse.Namespace) -> None:
+def join_or_start(
+    client: LiveClient, options: argparse.Namespace, declared: dict[ConditionKey, float]
+) -> None:
     """Join the given flight, or the one in progress of this name and monitor, or start it.
 
     Of flights that two commands of a source start at the same moment, the later one ends at once.
@@ -70,7 +75,7 @@ def join_or_start(client: LiveClient, options: argparse.Namespace) -> None:
     name = options.name or options.source
     flight = options.flight or first_flight(client, options, name)
     if flight is None:
-        start_flight(client, options, name)
+        start_flight(client, options, name, declared)
         flight = first_flight(client, options, name)
         if flight in (None, client.flight):
             return

@@ -11,9 +11,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from app.commands.options.condition import add_condition, declared_of
 from app.commands.options.option import add_json, option
 from app.commands.output.results import print_result
-from core.conditions import CONDITIONS
+from core.conditions import CONDITIONS, ConditionKey
 
 if TYPE_CHECKING:  # slow to import, and not needed for help
     from app.client import LiveClient
@@ -57,11 +58,17 @@ def add_flight(parser: argparse.ArgumentParser) -> None:
     option(into, "--monitor-set ID", "start a live flight with this monitor set")
     option(parser, "--server URL", "default: %(default)s", default="http://127.0.0.1:8000")
     option(parser, "--name NAME", "of the started flight")
+    add_condition(parser)
 
 
-def start_flight(client: LiveClient, options: argparse.Namespace, name: str | None) -> None:
+def start_flight(
+    client: LiveClient,
+    options: argparse.Namespace,
+    name: str | None,
+    declared: dict[ConditionKey, float],
+) -> None:
     """Start the flight of these options. PushFailed."""
-    about = {"monitor_set": options.monitor_set, "name": name}
+    about = {"monitor_set": options.monitor_set, "condition": declared, "name": name}
     client.start(options.monitor, **about, recording=getattr(options, "recording", None))
 
 
@@ -109,6 +116,7 @@ def _prepared(client: LiveClient, options: argparse.Namespace) -> RecordedRows:
     from app.commands.recorded_rows import si_rows  # slow to import
     from core.channels import Dictionary
 
+    declared = declared_of(options)
     flight, cases = {}, [{"monitor": options.monitor, "ranges": {}}]
     if options.flight:
         flight = client.flight_status(options.flight)
@@ -119,7 +127,7 @@ def _prepared(client: LiveClient, options: argparse.Namespace) -> RecordedRows:
     else:
         if options.monitor_set:
             cases = client.monitor_set(options.monitor_set)["cases"]
-        needed = {key: key for case in cases for key in case["ranges"]}
+        needed = {key: key for case in cases for key in case["ranges"] if key not in declared}
     monitor = flight.get("monitor") or cases[0]["monitor"]
     dictionary = Dictionary.from_stored(client.dictionary(monitor))
     if flight.get("source", {}).get("recording"):
@@ -133,12 +141,12 @@ def _prepared(client: LiveClient, options: argparse.Namespace) -> RecordedRows:
         text = f"{labels}, of which {options.file} has no signal"
         if not options.flight:
             raise ValueError(
-                f"the monitor set needs {text}: map a signal to it with --mapping, or start the "
-                "flight with a `condition` by POST /flights and give --flight"
+                f"the monitor set needs {text}: declare it with --condition "
+                f"{lacking[0]}=VALUE, or map a signal to it with --mapping"
             )
         rows.notes.append(f"WARNING: the flight needs {text}")
     if not options.flight:
-        start_flight(client, options, options.name)
+        start_flight(client, options, options.name, declared)
     return rows
 
 

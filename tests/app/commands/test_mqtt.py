@@ -46,6 +46,7 @@ def sample(k: int) -> dict[str, float]:
         (["--prefix", "range/#"], "no part of a topic"),
         (["--ca", "ca.pem"], "mqtts://"),
         (["--broker", "mqtts://host", "--ca", "ca.pem"], "ca.pem is no file"),
+        (["--condition", "mach=0.6"], "--monitor-set"),
     ],
 )
 def test_wrong_options_are_refused_before_anything_is_connected(
@@ -222,7 +223,7 @@ def test_two_commands_of_a_source_at_the_same_moment_share_one_flight(
     options = parser.parse_args(["F16", "--monitor", server.monitor_id, "--name", "at once"])
     clients = [LiveClient(server.url, keep_open=True) for _ in range(2)]
     with ThreadPoolExecutor() as threads:
-        list(threads.map(lambda client: mqtt.join_or_start(client, options), clients))
+        list(threads.map(lambda client: mqtt.join_or_start(client, options, {}), clients))
     going = [each["id"] for each in listed(clients[0]) if each["name"] == "at once"]
     assert [client.flight for client in clients] == going * 2
     for client in clients:

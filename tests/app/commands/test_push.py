@@ -314,12 +314,20 @@ def test_a_file_is_flown_on_a_monitor_set_with_its_flight_condition(
     httpx2.post(f"{path}/end").raise_for_status()
 
 
-def test_a_condition_that_a_set_needs_is_in_the_file(
+def test_a_condition_that_a_set_needs_is_in_the_file_or_declared(
     server: LiveServer, file: Path, flown_set: str, capsys
 ):
     options = ["--server", server.url, "--rate", "max", "--monitor-set", flown_set]
-    assert main(["push", str(file), *options]) == 1
-    assert "Mach number and altitude" in capsys.readouterr().err
+    assert main(["push", str(file), *options, "--condition", "altitude=18000ft"]) == 1
+    assert "--condition mach=VALUE" in capsys.readouterr().err
+    declared = ["--condition", "altitude=18000ft", "--condition", "mach=0.6"]
+    code, result = pushed(capsys, file, *options, *declared)
+    flight = httpx2.get(f"{server.url}/api/v1/flights/{result['flight']}").json()
+    assert code == 0
+    assert flight["monitor_set"]["fixed"] == pytest.approx({"altitude": 5486.4, "mach": 0.6})
+    for wrong, word in (("mch=1", "mach"), ("mach=x", "number"), ("altitude=3kg", "kg")):
+        assert main(["push", str(file), *options, "--condition", wrong]) == 1
+        assert word in capsys.readouterr().err
 
 
 def test_a_flight_that_needs_what_the_file_lacks_is_pushed_with_a_warning(
