@@ -9,6 +9,7 @@ not known is drawn as a fixed part.
 Positive surfaces: elevator trailing edge down; aileron and rudder as the model's signs say.
 """
 
+from itertools import pairwise
 from math import cos, pi, sin, sqrt
 from typing import Any, NamedTuple
 
@@ -86,6 +87,13 @@ ELEVATORS = ("right_elevator", "left_elevator")
 TICKS = {"none": 0.0, "quarter": 0.25, "half": 0.5, "whole": 1.0}
 NUMBERED = ("none", "quarter", "whole")
 """Ticks with a number, far enough apart for the smallest scene."""
+LETTERS = {
+    "N": ((-1, -1, 1, -1), (1, -1, -1, 1), (-1, 1, 1, 1)),
+    "E": ((-1, -1, 1, -1), (1, -1, 1, 1), (0, -1, 0, 0.6), (-1, -1, -1, 1)),
+    "S": ((1, 1, 1, -1), (1, -1, 0, -1), (0, -1, 0, 1), (0, 1, -1, 1), (-1, 1, -1, -1)),
+    "W": ((1, -1, -1, -0.5), (-1, -0.5, 0.4, 0), (0.4, 0, -1, 0.5), (-1, 0.5, 1, 1)),
+}
+"""Strokes from (outward, clockwise) to (outward, clockwise), in half letter sizes."""
 HEADLINE_AT, UNKNOWN_AT, FIXED_AT = (3.5, 2.3, 4.4), (3.5, 2.3, 5.4), (3.5, 2.3, 6.4)
 """Beside the column from each camera."""
 WORDS = "/words"
@@ -203,6 +211,9 @@ class Picture:
             self._add_lines(f"/chase/aircraft/{name}", np.array([line], np.float32), INK, 5.0)
             for name, line in (("body_line", BODY), ("wing_line", WINGS))
         )
+        self._scale = self._add_lines(
+            "/chase/aircraft/slip_scale", slip_scale(self._alpha0), INK, 1.5
+        )
         self._velocity = scene.add_arrows(
             "/chase/aircraft/velocity",
             np.array([[(8.2, 0.0, 0.0), (14.6, 0.0, 0.0)]]),
@@ -315,7 +326,8 @@ class Picture:
 
     def _slide(self, shown: Shown, lost: bool) -> None:
         """Velocity and sideslip."""
-        self._set(self._velocity, visible=shown.beta is not None)
+        for node in (self._velocity, self._scale):
+            self._set(node, visible=shown.beta is not None)
         if shown.beta is not None:
             alpha = self._alpha0 if shown.alpha is None else shown.alpha
             self._set(self._velocity, wxyz=wxyz(wind_to_body(alpha, _drawn(shown.beta))))
@@ -407,10 +419,31 @@ def circle(radius: float) -> Lines:
 
 
 def compass(radius: float) -> Lines:
-    """Marks outside a circle each 10 and 30 degrees, the longest in the north."""
+    """Marks outside a circle each 10 and 30 degrees, and the letters of the quarters."""
     lines: list[tuple[Array, Array]] = []
     for k in range(36):
         out = np.array((cos(k * pi / 18), sin(k * pi / 18), 0.0))
-        length = 0.45 if k % 3 else 0.9 if k else 2.4
-        lines.append((radius * out, (radius + length) * out))
+        lines.append((radius * out, (radius + (0.45 if k % 3 else 0.9)) * out))
+    for quarter, strokes in enumerate(LETTERS.values()):
+        out = np.array((cos(quarter * pi / 2), sin(quarter * pi / 2), 0.0))
+        up, right = 0.65 * out, 0.45 * np.array((-out[1], out[0], 0.0))
+        middle = (radius + 2.0) * out
+        for u0, v0, u1, v1 in strokes:
+            lines.append((middle + u0 * up + v0 * right, middle + u1 * up + v1 * right))
+    return np.array(lines, np.float32)
+
+
+def slip_scale(alpha0: float, radius: float = 15.0) -> Lines:
+    """An arc ahead of the nose with marks at 0, 5 and 10 degrees of sideslip to both sides."""
+
+    def at(distance: float, beta_deg: float) -> tuple[float, float, float]:
+        angle = np.deg2rad(EXAGGERATION * beta_deg)
+        ahead = distance * cos(angle)
+        return ahead * cos(alpha0), distance * sin(angle), ahead * sin(alpha0)
+
+    degrees = np.linspace(-10.0, 10.0, 25)
+    lines = [(at(radius, a), at(radius, b)) for a, b in pairwise(degrees.tolist())]
+    for beta_deg in (-10.0, -5.0, 0.0, 5.0, 10.0):
+        inner = radius - (0.5 if beta_deg else 1.0)
+        lines.append((at(inner, beta_deg), at(radius + 0.5, beta_deg)))
     return np.array(lines, np.float32)

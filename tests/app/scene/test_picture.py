@@ -263,7 +263,7 @@ class TestWhatIsNotKnown:
 
     def visible(self, scene: Scene) -> set[str]:
         picture = nodes(scene)
-        others = ["_body", "_wings", "_compass", "_velocity", "_trail"]
+        others = ["_body", "_wings", "_compass", "_velocity", "_scale", "_trail"]
         all_nodes = {name: node for name, (_, node) in picture._parts.items()}
         all_nodes |= {name: getattr(picture, name) for name in others}
         return {name for name, node in all_nodes.items() if node.visible}
@@ -299,7 +299,7 @@ class TestWhatIsNotKnown:
         show(scene)
         scene.draw()
         seen = self.visible(scene)
-        assert {"rudder", "_compass", "_velocity", "_trail"} <= seen
+        assert {"rudder", "_compass", "_velocity", "_scale", "_trail"} <= seen
         assert seen.isdisjoint({"_body", "_wings"})
 
 
