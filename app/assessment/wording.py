@@ -373,6 +373,9 @@ def _risk(
     when = ", never above the smallest value" if t is None else f" at {t:.2f} s"
     yield f"  peak risk          {peak:.3f}{when}"
     above = alerts_above(scored.epsilon, scored.alert_above, monitor.recipe.guarantee)
+    if manoeuvre.alert_above is not None:
+        yield f"  monitor in use     {manoeuvre.monitor}"
+        above = f"{manoeuvre.alert_above:.4g}"
     yield f"  alerts above       {above}"
     alerts = manoeuvre.alerts
     yield f"  first alert        {f'at {_time(alerts[0][0], of_day)}' if alerts else 'none'}"

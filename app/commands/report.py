@@ -65,7 +65,8 @@ class ReportFiles:
 
     def check(self, request: ScoreRequest) -> None:
         """DestinationError where an output would overwrite an input."""
-        inputs = {path.resolve() for path in (request.file, *request.monitors)}
+        read = request.by_set.in_use.ids if request.by_set else request.monitors
+        inputs = {Path(path).resolve() for path in (request.file, *read)}
         for path in (path for label in labels(request) for path in self.paths(label)):
             if path.resolve() in inputs:
                 raise DestinationError(

@@ -42,6 +42,15 @@ def run(options: argparse.Namespace) -> int:
     workers = os.cpu_count() or 1 if options.workers is None else options.workers
     if workers < 1:
         raise ValueError(f"workers={workers}: give 1 or more")
+    if options.monitor_set or options.condition:
+        raise ValueError(
+            "score-archive scores by monitor files only, and a monitor set was given: give "
+            "MONITOR files, or score each recording with forewarn score --monitor-set"
+        )
+    if options.file is None:
+        raise ValueError(
+            f"only {options.monitors[0]} was given: give a monitor and the folder to score"
+        )
     aircraft, options.aircraft = options.aircraft, None
     options.file = options.file.removeprefix("file://")
     url = options.file if is_url(options.file) else ""

@@ -121,11 +121,18 @@ def file_subjects(
     rationales = scored_file.proposal.rationales if scored_file.proposal else {}
     mapping = scored_file.mapping.to_plain()
     for scored in scored_file.scored:
+        by_set, fields = scored.by_set, scoring_fields(scored.recording, scored.monitor, mapping)
         scoring = {
             "digest": digest(scored.recording.samples),
-            "monitor_name": scored.path.stem,
-            "monitor_digest": digest_of(scored.path),
-        } | scoring_fields(scored.recording, scored.monitor, mapping)
+        } | fields
+        if by_set:
+            scoring |= {
+                "monitor_name": f"monitor set {by_set.in_use.name}",
+                "monitor_digest": by_set.digest,
+                "request": {"monitor_set": by_set.in_use.to_plain()},
+            }
+        else:
+            scoring |= {"monitor_name": scored.path.stem, "monitor_digest": digest_of(scored.path)}
         subject = ReportSubject(
             recording=recording,
             scoring=scoring,

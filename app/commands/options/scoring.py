@@ -7,14 +7,17 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from app.commands.options.condition import add_condition, declared_of
 from app.commands.options.fields import numbers
 from app.commands.options.option import option
 
 if TYPE_CHECKING:  # slow to import, and not needed for help
-    from app.recordings.scored_file import MappingMemory, ScoreRequest
+    from app.recordings.scored_file import MappingMemory, RequestedSet, ScoreRequest
 
 TRIM_SEGMENT, NO_TRIM = "trim-segment", "none"
-SETTINGS = "With --aircraft, FOREWARN_* variables set the data directory."
+SETTINGS = (
+    "With --aircraft, or the name of a monitor set, FOREWARN_* variables set the data directory."
+)
 
 
 def add_scoring_options(
@@ -25,8 +28,16 @@ def add_scoring_options(
     kind: type = Path,
 ) -> None:
     """file, text, kind: name, help and type of what is scored.   aircraft: help of its option."""
-    option(parser, "monitors MONITOR", "monitor files", type=Path, nargs="+")
-    option(parser, file, text, type=kind)
+    option(
+        parser, "monitors MONITOR", "monitor files; none with --monitor-set", type=Path, nargs="+"
+    )
+    option(parser, file, text, type=kind).required = False  # the only one with --monitor-set
+    option(
+        parser,
+        "--monitor-set NAME|FILE.json",
+        "score by a monitor set: each sample by the monitor of its flight condition",
+    )
+    add_condition(parser)
     option(
         parser,
         "--epsilon E[,E...]",
@@ -80,18 +91,50 @@ def request_of(options: argparse.Namespace) -> tuple[ScoreRequest, MappingMemory
     from app.settings import read_settings
     from app.telemetry.mapping.mapping import read_rate
 
+    monitors, file = _files(options)
     marked = options.manoeuvres
     if isinstance(marked, tuple):
         marked = tuple(Interval(*ends) for ends in marked)
     request = ScoreRequest(
-        monitors=tuple(options.monitors),
-        file=options.file,
+        monitors=monitors,
+        file=file,
         epsilons=tuple(chain(*options.epsilon)) or (None,),
         recipe=ScoringRecipe(trim=options.trim, manoeuvres=marked),
         mapping=None if options.mapping is None else read_mapping(options.mapping),
         rate=None if options.rate is None else read_rate(options.rate),
         group=options.group,
         accept_useless=options.accept_useless,
+        by_set=_requested_set(options),
     )
     memory = MappingMemory(read_settings(), options.aircraft) if options.aircraft else None
     return request, memory
+
+
+def _files(options: argparse.Namespace) -> tuple[tuple[Path, ...], Path]:
+    """The monitors and the recording. ValueError."""
+    *monitors, file = [*options.monitors, *([] if options.file is None else [options.file])]
+    if options.monitor_set and monitors:
+        raise ValueError(
+            f"a monitor set and {' '.join(map(str, monitors))} were given: give the set, or "
+            "monitors, and one file to score"
+        )
+    if not options.monitor_set and not monitors:
+        raise ValueError(
+            f"only {file} was given: give a monitor and the file to score, or --monitor-set and "
+            "the file"
+        )
+    if options.monitor_set and options.epsilon:
+        raise ValueError("a monitor set uses each monitor at its own epsilon: leave out --epsilon")
+    return tuple(monitors), file
+
+
+def _requested_set(options: argparse.Namespace) -> RequestedSet | None:
+    from app.recordings.scored_file import set_of_file, stored_set
+    from app.settings import read_settings
+
+    declared, name = declared_of(options), options.monitor_set
+    if name is None:
+        return None
+    if Path(name).is_file() or Path(name).suffix == ".json":
+        return set_of_file(Path(name), declared)
+    return stored_set(read_settings(), name, declared)

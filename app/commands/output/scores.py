@@ -100,8 +100,8 @@ def _plain(scoring: Scored) -> dict[str, Any]:
         "outside_exceedances": [asdict(each) for each in recording.outside_exceedances],
         "notes": [*recording.quality.sentences(), *recording.notes],
         "compatibility": [check.to_plain() for check in recording.compatibility],
-        "warnings": list(warnings_of(scoring.monitor.evaluation, recording.epsilon)),
-    }
+        "warnings": _warnings(scoring),
+    } | ({"monitor_set": scoring.by_set.in_use.to_plain()} if scoring.by_set else {})
 
 
 def lines(scored_file: ScoredFile) -> Iterator[str]:
@@ -147,9 +147,22 @@ def _lines(scoring: Scored, is_first: bool, of_day: bool) -> Iterator[str]:
         yield from sensors(scoring.recording.compatibility)
     if scoring.label:
         yield f"== {scoring.label} =="
-    warnings = warnings_of(scoring.monitor.evaluation, scoring.recording.epsilon)
-    yield from (f"WARNING: {warning}" for warning in warnings)
+    if scoring.by_set:
+        yield f"scored by monitor set {scoring.by_set.in_use.name}"
+    yield from (f"WARNING: {warning}" for warning in _warnings(scoring))
     yield from verdict(scoring.monitor, scoring.recording, of_day=of_day)
+
+
+def _warnings(scoring: Scored) -> list[str]:
+    """Warnings of the monitor; for a set, of each of its monitors at its own epsilon."""
+    if not scoring.by_set:
+        return list(warnings_of(scoring.monitor.evaluation, scoring.recording.epsilon))
+    in_use = scoring.by_set.in_use
+    return [
+        f"{name}: {warning}"
+        for name, monitor in zip(in_use.names, in_use.members, strict=True)
+        for warning in warnings_of(monitor.evaluation, monitor.check_epsilon())
+    ]
 
 
 MOST_BAD_ROWS = 10

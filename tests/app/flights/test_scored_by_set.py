@@ -1,14 +1,17 @@
 """A recording is scored by a monitor set as the flight was shown: by the monitor in use."""
 
-from collections.abc import Iterator
+import json
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
 from itertools import groupby
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from app.cli import main
 from app.store.monitors import MonitorInfo
 from core.channels import BY_KEY, KEYS
 from core.monitor import Monitor, MonitorRecipe, train
@@ -182,3 +185,94 @@ def test_a_scoring_is_by_one_monitor_or_by_one_set(
     answer = sets.client.post(f"{RECORDINGS}/x/scorings", json=request_)
     assert answer.status_code == 422
     assert text in answer.text
+
+
+@pytest.fixture
+def on_command_line(
+    sets: Sets, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., str]:
+    """Runs a command on a file of the flight, changing Mach number; returns what it prints."""
+    monkeypatch.setenv("FOREWARN_DATA_DIR", str(sets.root))
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments: str, sent: Sent | None = None, code: int = 0) -> str:
+        mach = [[np.nan if (m := (sent or {}).get(k)) is None else m] for k in range(N)]
+        Path("flight.csv").write_bytes(csv_of(np.hstack([Y, mach]), T[1], head=f"{HEAD},mach"))
+        names = HEAD.split(",")[1:]
+        channels = {
+            key: {"signal": name, "unit": BY_KEY[key].unit}
+            for key, name in zip(KEYS, names, strict=True)
+        }
+        mapping = {"channels": channels, "times": {"": {"signal": HEAD.split(",")[0], "unit": "s"}}}
+        Path("mapping.json").write_text(json.dumps(mapping))
+        assert main([*arguments, "--mapping", "mapping.json"]) == code
+        printed = capsys.readouterr()
+        return printed.err if code else printed.out
+
+    return run
+
+
+def file_of_set(sets: Sets) -> str:
+    """A set as a file, with its monitors beside it."""
+    for each, name in sets.known:
+        each.save(Path(f"{name}.fwm"))
+    cases = [
+        {"name": "slow", "ranges": {"mach": [None, 0.8]}, "monitor": "slow one.fwm"},
+        {"name": "fast", "ranges": {"mach": [0.8, 1.2]}, "monitor": "fast one.fwm"},
+    ]
+    Path("set.json").write_text(json.dumps({"name": "doublet", "cases": cases}))
+    return "set.json"
+
+
+def without_ids(manoeuvre: dict[str, Any]) -> dict[str, Any]:
+    in_force = [{**each, "monitor": ""} for each in manoeuvre["limits_in_force"]]
+    return manoeuvre | {"limits_in_force": in_force}
+
+
+@pytest.mark.parametrize("way", ["a_change", "one_condition"])
+@pytest.mark.parametrize("by", ["name", "file"])
+def test_the_command_line_scores_by_a_set_as_the_server_does(
+    sets: Sets, on_command_line: Callable[..., str], by: str, way: str
+) -> None:
+    scoring, _ = sets.scored(sets.file_of(Y, WAYS[way]))
+    given = "doublet" if by == "name" else file_of_set(sets)
+    arguments = ("score", "flight.csv", "--monitor-set", given, "--accept-useless")
+    (result,) = json.loads(on_command_line(*arguments, "--json", sent=WAYS[way]))["scorings"]
+    assert len(result["manoeuvres"]) == len(scoring["manoeuvres"])
+    for told, known in zip(result["manoeuvres"], scoring["manoeuvres"], strict=True):
+        assert without_ids(told) == {key: without_ids(known)[key] for key in told}
+    assert result["monitor_set"]["name"] == "doublet"
+    text = on_command_line(*arguments, sent=WAYS[way])
+    assert "scored by monitor set doublet" in text
+    assert all(f"monitor in use     {each['monitor']}" in text for each in scoring["manoeuvres"])
+
+
+def test_the_command_line_declares_what_was_not_recorded(
+    sets: Sets, on_command_line: Callable[..., str]
+) -> None:
+    arguments = ("--monitor-set", "doublet", "--accept-useless", "--json")
+    told = on_command_line("score", *arguments, "--condition", "mach=0.6", "flight.csv")
+    (result,) = json.loads(told)["scorings"]
+    assert {each["monitor"] for each in result["manoeuvres"]} == {"slow one"}
+    told = on_command_line("report", "flight.csv", *arguments, "--condition", "mach=0.9")
+    (result,) = json.loads(told)["scorings"]
+    assert {each["monitor"] for each in result["manoeuvres"]} == {"fast one"}
+    assert "the monitor set doublet" in Path("flight-report.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("score", "m.fwm", "flight.csv", "--monitor-set", "doublet"), "m.fwm were given"),
+        (("score", "flight.csv"), "--monitor-set and the file"),
+        (("score", "flight.csv", "--monitor-set", "triplet"), "give one of doublet"),
+        (("score", "flight.csv", "--monitor-set", "mapping.json"), "it needs a name and cases"),
+        (("score", "flight.csv", "--monitor-set", "doublet", "--epsilon", "0.1"), "leave out"),
+        (("score", "m.fwm", "flight.csv", "--condition", "mach=0.6"), "give --monitor-set too"),
+        (("score-archive", ".", "--monitor-set", "doublet", "-o", "out"), "MONITOR files"),
+    ],
+)
+def test_the_command_line_says_what_a_scoring_by_a_set_needs(
+    on_command_line: Callable[..., str], arguments: tuple[str, ...], words: str
+) -> None:
+    assert words in on_command_line(*arguments, code=1)
