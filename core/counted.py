@@ -1,9 +1,9 @@
 """Numbers of things in words."""
 
 
-def counted(n: int, one: str, several: str = "") -> str:
-    """`1 manoeuvre`, `2 manoeuvres`; several: the plural, where it has no s."""
-    return f"{n} {one if n == 1 else several or f'{one}s'}"
+def counted(n: int, one: str) -> str:
+    """`1 manoeuvre`, `2 manoeuvres`."""
+    return f"{n} {one}{'s' if n != 1 else ''}"
 
 
 def pace(rate: float, left: float) -> str:

@@ -271,8 +271,7 @@ class OwnSimulator:
 class OwnTest:
     """A test that a user's simulator flies, and how much of it to simulate.
 
-    pilot: values that its first flights reached, for errors; empty if unknown.   more, fewer: how
-    to make more, or fewer, flights fail.
+    pilot: values that its first flights reached, for errors; empty if unknown.
     """
 
     flown_by: OwnSimulator
@@ -282,8 +281,6 @@ class OwnTest:
     max_rollouts: Annotated[int, Bounds(least=1)] = 50_000
     max_safe: Annotated[int, Bounds(least=1)] = 10_000
     pilot: str = ""
-    more: str = "lower the limit"
-    fewer: str = "raise the limit"
 
     groups: ClassVar[Grouping] = GROUPINGS["pooled"]
     most_at_once: ClassVar[int] = 256
@@ -298,11 +295,11 @@ class OwnTest:
 
     @property
     def for_more(self) -> str:
-        return f"{self.pilot}give the parameters larger spreads, {self.more}"
+        return f"{self.pilot}give the parameters larger spreads, lower the limit"
 
     @property
     def for_fewer(self) -> str:
-        return f"{self.pilot}give the parameters smaller spreads, {self.fewer}"
+        return f"{self.pilot}give the parameters smaller spreads, raise the limit"
 
     def simulator(self) -> OwnSimulator:
         return self.flown_by
