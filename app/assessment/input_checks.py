@@ -218,7 +218,7 @@ class _Recent:
             np.full(4, -np.inf),
             np.zeros(3, np.int64),
             np.zeros(n_channels, np.int64),
-            np.zeros((n_channels, 8)),
+            np.zeros((n_channels, kernel.N_RUN)),
             np.empty(REMEMBERED),
             np.empty(REMEMBERED, np.int64),
             np.empty((REMEMBERED, n_channels)),
@@ -268,7 +268,7 @@ class _Frozen:
     """Identical samples: a caution if the seconds before had noise, else an advisory.
 
     A single channel whose value lasts for longer than ever: a caution. A control may be held: an
-    advisory, unless it had noise before and the aircraft moves meanwhile.
+    advisory, unless it had noise before and the aircraft moves meanwhile; at its stop it is held.
     """
 
     def __init__(self, recent: _Recent, dictionary: Dictionary) -> None:
@@ -304,9 +304,12 @@ class _Frozen:
             self._dictionary.keys,
         )
 
-    def _of_channels(self, t: float) -> Doubt:
+    def _of_channels(self, t: float) -> Doubt | None:
         runs = self._recent.state.runs
         since, frozen = runs[:, kernel.SINCE_T], runs[:, kernel.IS_FROZEN] > 0.0
+        frozen[self._controls] &= runs[self._controls, kernel.IS_AT_STOP] == 0.0
+        if not frozen.any():
+            return None
         if not 0.0 <= t - self._looked < LOOK_S:
             self._looked = t
             self._note_sure(since, frozen)

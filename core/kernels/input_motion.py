@@ -29,8 +29,13 @@ the latest time in parts of a second."""
 FROZEN_S, FEWEST = 1.0, 3
 """Identical samples for longer than this [s], and more than this many, are frozen."""
 VALUE, SINCE_T, HELD, LONGEST, CHANGES, LEAST, TOTAL, IS_FROZEN = range(8)
+LOW, LOW_RUNS, HIGH, HIGH_RUNS, IS_AT_STOP, N_RUN = range(8, 14)
 """Numbers of a channel: newest value, when it came [s], samples with it, most samples with one
-value before, number of changes, the least one, the sum of their sizes, and whether it is frozen."""
+value before, number of changes, the least one, the sum of their sizes, and whether it is frozen;
+its least value, how often it came to it, the same of its largest, and whether it is at a stop."""
+WIDE = 20.0
+"""A stop is an end of the range so far to which a channel comes twice, or whose other end is as far
+from 0. The range is at least this many of its least changes: one at rest has no stop."""
 MANY, LONGER, COARSE = 50, 3.0, 1.5
 """A channel with this many changes is frozen if its value lasts that many times longer than any
 before. One that changes by less than COARSE steps on average may rest between two steps."""
@@ -68,8 +73,8 @@ class NewestSamples(NamedTuple):
     """The newest samples of a source, by time and by arrival.
 
     t: (2 KEPT,) [s].   y: (2 KEPT, n_channels).   times, counts: see above.   last: (n_channels,)
-    bits of the newest sample.   runs: (n_channels, 8) see above.   at: (REMEMBERED,) times in parts
-    of a second.   sources: (REMEMBERED,).   known: (REMEMBERED, n_channels).
+    bits of the newest sample.   runs: (n_channels, N_RUN) see above.   at: (REMEMBERED,) times in
+    parts of a second.   sources: (REMEMBERED,).   known: (REMEMBERED, n_channels).
     """
 
     t: Array
@@ -136,7 +141,7 @@ def arrive_together(state, t, y, first, measured):
 
 @inlined
 def _note_value(run, t, y):
-    """Whether the value of a channel lasts for longer than ever. run: (8,) see `VALUE`."""
+    """Whether the value of a channel lasts for longer than ever. run: (N_RUN,) see `VALUE`."""
     if y == run[VALUE] and run[HELD] > 0:
         run[HELD] += 1
         run[IS_FROZEN] = (
@@ -150,8 +155,20 @@ def _note_value(run, t, y):
         change = abs(y - run[VALUE])
         run[LEAST] = min(run[LEAST], change) if run[CHANGES] > 0 else change
         run[CHANGES], run[TOTAL] = run[CHANGES] + 1, run[TOTAL] + change
-        if not run[IS_FROZEN]:
+        if not (run[IS_FROZEN] or run[IS_AT_STOP]):
             run[LONGEST] = max(run[LONGEST], run[HELD])
+    if run[HELD] == 0 or y < run[LOW]:
+        run[LOW], run[LOW_RUNS] = y, 0
+    if run[HELD] == 0 or y > run[HIGH]:
+        run[HIGH], run[HIGH_RUNS] = y, 0
+    run[LOW_RUNS] += y == run[LOW]
+    run[HIGH_RUNS] += y == run[HIGH]
+    times = run[LOW_RUNS] if y == run[LOW] else run[HIGH_RUNS] if y == run[HIGH] else 0
+    run[IS_AT_STOP] = (
+        times > 0
+        and (times > 1 or run[LOW] == -run[HIGH])
+        and run[HIGH] - run[LOW] > WIDE * run[LEAST]
+    )
     run[VALUE], run[SINCE_T], run[HELD], run[IS_FROZEN] = y, t, 1, 0
 
 

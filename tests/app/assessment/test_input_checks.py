@@ -95,6 +95,20 @@ def test_a_control_frozen_after_noise_is_a_caution_if_the_aircraft_moves(
     assert [(part.start, part.channels) for part in parts] == expected
 
 
+def test_a_control_at_a_stop_that_it_came_to_before_is_held_not_frozen() -> None:
+    """A sensor without noise at the stop, with noise between; the aircraft answers each stroke."""
+    t = np.arange(1400) * DT
+    noise = np.random.default_rng(4).normal(0.0, 6e-3, (1400, len(KEYS)))
+    y = noise + 0.1 * np.sin(t)[:, None]
+    y[:, RUDDER] = np.clip(0.2 * np.sin(t) + noise[:, RUDDER], -0.1, 0.1)
+    runs = np.flatnonzero(np.diff(y[:, RUDDER], prepend=0.0) != 0.0)
+    assert np.diff(t[runs]).max() > 1.5
+    assert [d for d in doubts(t, y) if d.kind == "frozen" and d.t > np.pi] == []
+    y[1000:, RUDDER] = 0.03
+    (frozen,) = [d for d in doubts(t, y) if d.kind == "frozen" and d.t > np.pi]
+    assert (frozen.level, frozen.t) == (Level.CAUTION, pytest.approx(20.0))
+
+
 def test_a_channel_may_rest_as_long_as_before_or_between_two_coarse_steps() -> None:
     t, y = np.arange(400) * DT, NOISE.copy()
     pulse = np.sin(np.clip(t - 2.0, 0.0, 2.0) * np.pi)
@@ -224,5 +238,10 @@ def test_real_records_raise_no_caution_and_their_dead_surfaces_do(name: str, sig
     frozen = y.copy()
     frozen[k, 3] = frozen[k.start, 3]
     assert cautions(table["t_s"], frozen) == ["frozen"]
+    if sign == 1:
+        stop = 0.9 * np.abs(y[:, RUDDER]).max()
+        clipped = y + np.random.default_rng(1).normal(0.0, 5e-4, y.shape)
+        clipped[:, RUDDER] = np.clip(clipped[:, RUDDER], -stop, stop)
+        assert "frozen" not in cautions(3.0 * table["t_s"], clipped)
     y[:, PLANNED.controls] = y[0, PLANNED.controls]
     assert cautions(table["t_s"], y)[0] == "surfaces"
