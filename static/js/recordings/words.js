@@ -90,7 +90,7 @@ export function verdictPanel(scoring, verdicts, none) {
   return panel(title, scoring.manoeuvres.length ? verdicts.element : none, { beside, "aria-label": "Verdicts" });
 }
 
-function alertRule({ epsilon, alert_above: above, request }) {
+export function alertRule({ epsilon, alert_above: above, request }) {
   if (request?.monitor_set) return "each monitor alerts at its own ε";
   if (Math.abs(above - epsilon) < 1e-9) return `alerts at risk above ε = ${figure(epsilon)}`;
   return `alerts at risk above ${figure(above)}, which keeps ε = ${figure(epsilon)} with 95 % confidence`;
