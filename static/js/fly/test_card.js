@@ -10,9 +10,10 @@
  *     since: t of the first input of the manoeuvre that is flown or was the last [s]; null before the first
  *     what: comes next: "step" (number `step`, from 0), "input end", "end", "rest", "stillness", "test end" or ""
  *     wait: until then [s]; null where it is up to a person
- * flownOf(ring, series, from, to) -> {t, y, peak, lasts, known}     t: [s] from `from`; known: false where its beginning is lost
+ * flownOf(ring, series, from, to) -> {t, y, peak, lasts, known}     t: [s] from `from`; y: NaN in a gap; known: false where its beginning is lost
  */
 
+import { BROKEN } from "../charts/live/ring_buffer.js";
 import { formatted, h, put, svg } from "../lib/dom.js";
 import { figure, magnitude, magnitudeIn, percent, shownIn } from "../lib/numbers.js";
 
@@ -169,8 +170,11 @@ export function flownOf(ring, series, from, to) {
   let [peak, beyond, step] = [0, 0, 0];
   for (let i = first; i < ring.count() && ring.time(i) <= to + NEAR; i++) {
     const value = ring.value(series, i);
-    t.push(ring.time(i) - from);
-    y.push(value);
+    const isBroken = i > first && (ring.flags(i, i + 1) & BROKEN) !== 0;
+    for (const each of isBroken ? [NaN, value] : [value]) {
+      t.push(ring.time(i) - from);
+      y.push(each);
+    }
     if (Math.abs(value) > Math.abs(peak)) peak = value;
   }
   for (let k = 1; k < t.length; k++) {
@@ -212,7 +216,7 @@ function path({ t, y }, place) {
   const every = Math.ceil(t.length / (2 * WIDTH));
   let isDown = false;
   return t.map((time, k) => {
-    if (k % every > 0) return "";
+    if (k % every > 0 && Number.isFinite(y[k])) return "";
     const wasDown = isDown;
     isDown = Number.isFinite(y[k]);
     return isDown ? `${wasDown ? "L" : "M"}${place(time, y[k])}` : "";

@@ -49,21 +49,29 @@ def test_the_phase_follows_the_first_input_and_names_what_comes_next(
     assert strips().evaluate(PHASE, [CARD, BEGUN, frame]) == shown
 
 
-FLOWN = """async ([values, dt, from]) => {
-  const { createRingBuffer } = await import("/static/js/charts/live/ring_buffer.js");
+FLOWN = """async ([values, dt, from, gap = -1]) => {
+  const { createRingBuffer, FLAG } = await import("/static/js/charts/live/ring_buffer.js");
   const { flownOf } = await import("/static/js/fly/test_card.js");
   const ring = createRingBuffer({ series: 1, capacity: 4096 });
-  values.forEach((value, k) => ring.push(k * dt, [value ?? NaN]));
-  const { peak, lasts, known } = flownOf(ring, 0, from, from + 4);
-  return [Number.isNaN(peak) ? null : peak, lasts, known];
+  values.forEach((value, k) => ring.push(k * dt + 10 * dt * (gap > 0 && k >= gap),
+    [value ?? NaN], k === gap ? FLAG.gap : 0));
+  const { y, peak, lasts, known } = flownOf(ring, 0, from, from + 4);
+  return [Number.isNaN(peak) ? null : peak, lasts, known, y.findIndex(Number.isNaN)];
 }"""
 
 
 def test_peak_and_duration_are_those_of_the_flown_input(strips: Open) -> None:
     values = [0.0] * 20 + [0.5] * 20 + [-0.25] * 20 + [0.1] * 20
-    peak, lasts, known = strips().evaluate(FLOWN, [values, 0.05, 1.0])
+    peak, lasts, known, _ = strips().evaluate(FLOWN, [values, 0.05, 1.0])
     assert (peak, known) == (0.5, True)
     assert lasts == pytest.approx(39 * 0.05)
+
+
+def test_a_gap_breaks_the_line_of_the_flown_input_and_does_not_last(strips: Open) -> None:
+    values = [0.0] * 20 + [0.5] * 20 + [-0.25] * 20
+    peak, lasts, known, broken = strips().evaluate(FLOWN, [values, 0.05, 1.0, 30])
+    assert (peak, known, broken) == (0.5, True, 10)
+    assert lasts == pytest.approx(38 * 0.05)
 
 
 def test_a_missing_input_has_no_peak_and_a_lost_beginning_is_known_as_such(strips: Open) -> None:
