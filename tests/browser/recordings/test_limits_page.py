@@ -40,3 +40,14 @@ def test_bands_limits_and_events_of_a_limit_set(strips: Open) -> None:
     assert [4, "limits in force: all (envelope version 1)"] in events
     assert [6, "limits unknown (envelope version 1)"] in events
     assert not any("INVALID" in text for _, text in events)
+
+
+def test_what_was_shown_in_flight_is_not_marked_withdrawn(strips: Open) -> None:
+    """A check of the whole manoeuvre failed; scorings of earlier versions do not know when."""
+    code = """async () => {
+      const { withdrawnAt } = await import("/static/js/recordings/scoring/events.js");
+      const manoeuvre = { start: 3, validity: { valid: false } };
+      return [{ withdrawn_t: null }, { withdrawn_t: 4 }, {}].map((when) =>
+        withdrawnAt({ ...manoeuvre, ...when }));
+    }"""
+    assert strips().evaluate(code) == [None, 4, 3]

@@ -11,6 +11,7 @@
 import { may, needs } from "../../lib/api.js";
 import { secondsText } from "../../lib/clock.js";
 import { button, errorLine, h, put } from "../../lib/dom.js";
+import { withdrawnAt } from "../../recordings/scoring/events.js";
 import { readScoring } from "../../recordings/scoring/source.js";
 
 const NOTE = "POST /recordings/{}/markers";
@@ -45,9 +46,10 @@ export function createReplayNotes({ api, source, now, add: addEvent, marked, fai
       api.get(`${path}/markers`),
     ]);
     if (closed) return;
-    for (const { name, start, exceedance, alerts, validity, withdrawn_t: withdrawn } of scoring.manoeuvres) {
+    for (const { name, start, exceedance, alerts, ...about } of scoring.manoeuvres) {
+      const withdrawn = withdrawnAt({ start, ...about });
       add({ t: start, text: `${name} begins` });
-      if (validity.valid === false) list({ t: withdrawn ?? start, text: `${name} is invalid from here on` });
+      if (withdrawn !== null) list({ t: withdrawn, text: `${name} is invalid from here on` });
       for (const [begin] of alerts) marks.push({ t: begin, level: "alert" });
       if (exceedance !== null) marks.push({ t: exceedance.t, level: "caution" });
     }

@@ -4,6 +4,7 @@
  * createScoredEvents(events, visit) -> element     those of eventsOf as a list; visit({t, manoeuvre}): one was chosen
  * eventsOf(scoring) -> [{t, text, level, manoeuvre}]     manoeuvre: its number; undefined outside every manoeuvre
  * flagsOf(scoring)    exceedances in the values as recorded only.   limitsInForceOf(scoring): null without a limit set
+ * withdrawnAt(manoeuvre) -> [s] or null
  * exceededIn(scoring) -> keys of the channels that exceeded a limit, in a manoeuvre or outside
  * manoeuvresOf(scoring, offset) -> [{start, end, withdrawn, silent}]     withdrawn: its time, or null
  * scoringStarts(scoring) -> [{t, from}]     of manoeuvres, not of a recording as a whole; see ../../fly/source/manoeuvre_starts.js
@@ -55,7 +56,7 @@ function ofManoeuvre(manoeuvre, channels, alertAbove) {
   const { name, start, begins, alerts, exceedance, recorded_exceedance: raw, peak_t: peak, peak_risk: risk, validity, alert_above: own } = manoeuvre;
   const alertText = (from, to) => (to > from ? `alert until ${secondsText(to)}` : "alert, one sample");
   const withdrawn = withdrawnAt(manoeuvre);
-  const isPeak = validity.valid !== false && Number.isFinite(peak) && peak > start;
+  const isPeak = (validity.valid !== false || withdrawn === null) && Number.isFinite(peak) && peak > start;
   return [
     { t: begins ?? start, text: `${name} begins${begins > start ? ` (trim from ${secondsText(start)})` : ""}`, level: "" },
     withdrawn !== null && { t: withdrawn, text: `${name} is INVALID: risk withdrawn from here`, level: "caution" },
@@ -66,10 +67,9 @@ function ofManoeuvre(manoeuvre, channels, alertAbove) {
   ].filter(Boolean);
 }
 
-/** When the risk was withdrawn; null where it was not. Limits that are not in force are marked on their own. */
-function withdrawnAt({ start, validity, withdrawn_t: t, limits_in_force: inForce = [] }) {
-  const isWithdrawn = validity.valid === false && (t !== null || inForce.length === 0);
-  return isWithdrawn ? (t ?? start) : null;
+/** When the risk was withdrawn; null where it was not, and where it was shown in flight. Limits not in force are marked on their own. */
+export function withdrawnAt({ start, validity, withdrawn_t: t = start }) {
+  return validity.valid === false ? t : null; // earlier versions do not know when
 }
 
 export function scoringStarts({ request, manoeuvres }) {
