@@ -9,7 +9,7 @@ from typing import Annotated, Any, BinaryIO, Literal
 from urllib.parse import quote
 
 from fastapi import APIRouter, Query, Response
-from fastapi.responses import StreamingResponse
+from fastapi.responses import HTMLResponse, StreamingResponse
 from pydantic import BaseModel, Field, model_validator
 
 from app.assessment import Interval, ScoringRecipe
@@ -338,23 +338,11 @@ SAMPLES: dict[int | str, dict[str, Any]] = {
 }
 
 
-@router.get(
-    "/scorings/{scoring_id}/report",
-    responses={200: {"description": "one HTML file", "content": {"text/html": {}}}},
-    response_class=Response,
-)
-def read_report(
-    recording_id: str,
-    scoring_id: str,
-    scored: ScoredDep,
-    download: Annotated[bool, Query(description="send as a download")] = False,
-) -> Response:
+@router.get("/scorings/{scoring_id}/report", response_class=HTMLResponse)
+def read_report(recording_id: str, scoring_id: str, scored: ScoredDep) -> HTMLResponse:
     """The report as one self-contained HTML file to print."""
     subject = stored_subject(scored, recording_id, scoring_id)
-    headers = dict(PAGE_TO_PRINT)
-    if download:
-        headers |= _as_file(f"{PurePath(subject.recording['name']).stem} report.html")
-    return Response(report(subject), headers=headers, media_type="text/html")
+    return HTMLResponse(report(subject), headers=PAGE_TO_PRINT)
 
 
 @router.get("/scorings/{scoring_id}/export", responses=SAMPLES, response_class=Response)
@@ -374,7 +362,8 @@ def export_samples(
         with reporting_full_disk():
             export(samples, about(asdict(recording), asdict(info)), form, file, dictionary)
             headers = {"Content-Length": str(file.tell())}
-        headers |= _as_file(f"{PurePath(recording.name).stem} scored.{form}")
+        name = quote(f"{PurePath(recording.name).stem} scored.{form}")
+        headers["Content-Disposition"] = f"attachment; filename*=UTF-8''{name}"
         held.pop_all()
     return StreamingResponse(_blocks(file), headers=headers, media_type=kind.media_type)
 
@@ -385,8 +374,3 @@ def _blocks(file: BinaryIO) -> Iterator[bytes]:
         file.seek(0)
         while block := file.read(SENT_BYTES):
             yield block
-
-
-def _as_file(name: str) -> dict[str, str]:
-    """The header for a download under a name in any alphabet."""
-    return {"Content-Disposition": f"attachment; filename*=UTF-8''{quote(name)}"}

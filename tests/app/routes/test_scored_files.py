@@ -5,7 +5,7 @@ import os
 import re
 from collections.abc import Iterator
 from typing import Any, BinaryIO
-from urllib.parse import quote, unquote
+from urllib.parse import unquote
 
 import numpy as np
 import pandas as pd
@@ -96,12 +96,6 @@ def test_the_report_is_self_contained_under_a_strict_policy(scored: Scored):
     assert scored.recording["digest"] in html
     for manoeuvre in scored.scoring["manoeuvres"]:
         assert manoeuvre["guarantee"].replace("'", "&#39;") in html
-
-
-def test_the_report_downloads_under_the_recordings_name(scored: Scored):
-    answer = scored.client.get(f"{scored.path}/report", params={"download": True})
-    assert kept_name(answer) == f"{STEM} report.html"
-    assert quote("✈") in answer.headers["content-disposition"]
 
 
 def test_the_report_has_the_source_of_the_mapping_and_the_notes(scored: Scored):
