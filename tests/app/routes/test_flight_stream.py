@@ -319,7 +319,7 @@ def test_list_flight_and_stream_have_the_headline_and_the_final_verdict(
         until(socket, lambda m: m["type"] == "status" and m["status"] == "not_calibrated")
     server.client.post(f"{URL}/{flight}/end")
     (ended,) = server.client.get(URL).json()
-    assert (ended["progress"], ended["status"]) == ("ended", "not_calibrated")
+    assert (ended["progress"], ended["status"]) == ("ended", "exceeded")
     assert ended["verdict"] == told["verdict"]
     assert ended["verdict"]["text"] == "LIMIT EXCEEDED, warned 0.40 s before the limit"
     assert server.client.get(f"{URL}/{flight}").json() == ended
