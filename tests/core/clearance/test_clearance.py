@@ -101,11 +101,12 @@ def test_a_record_is_predicted_alike_alone_and_among_others(clearance: Clearance
     records = fly(nominal(), 5)
     predictor = PointPredictor(POINTS, clearance.recipe)
     twice = predictor.predict([np.repeat(y[np.newaxis], 2, axis=0) for y in records])
+    once = predictor.predict([y[np.newaxis] for y in records])
     alone = clearance.decide(records)
     assert twice.score[0] == pytest.approx(twice.score[1], rel=1e-9)
     assert twice.posterior is not None
-    assert alone.posterior is not None
-    np.testing.assert_allclose(twice.posterior.mean[0], alone.posterior.mean[0], atol=1e-6)
+    assert once.posterior is not None
+    np.testing.assert_allclose(twice.posterior.mean[0], once.posterior.mean[0], atol=1e-6)
     assert alone.p_value == pytest.approx(float(clearance.p_values(twice.score)[0]))
     assert alone.p_error == pytest.approx(float(clearance.p_errors(twice.score)[0]))
 
