@@ -322,6 +322,50 @@ def test_an_exceedance_as_recorded_before_one_from_trim_is_named_first(tmp_path:
     assert verdict_of(asdict(manoeuvre)) == text_of(both.record)
 
 
+def generated(seed: int) -> list[Arrival]:
+    """A flight whose rate may change, whose clock may step, and which loses and delays samples."""
+    rng = np.random.default_rng(seed)
+    flights = doublets(fail=seed % 2 == 1)
+    y = flights[rng.integers(len(flights))].copy()
+    y += 10.0 ** rng.uniform(-5.0, -3.0) * rng.standard_normal(y.shape)
+    t = DT * np.arange(len(y), dtype=np.float64)
+    if rng.random() < 0.4:  # faster from some time on
+        fine = np.arange(t[rng.integers(len(t))], t[-1], DT / rng.integers(2, 5))
+        at = np.concatenate([t[t < fine[0]], fine])
+        t, y = at, np.column_stack([np.interp(at, t, column) for column in y.T])
+    begin, n = int(rng.integers(len(t))), int(rng.integers(1, 20))
+    delays = (
+        np.zeros(len(t)),
+        np.linspace(0.0, rng.uniform(0.1, 0.6), len(t)),
+        rng.exponential(0.1, len(t)) * (rng.random(len(t)) < 0.2),
+        rng.uniform(0.1, 1.0) * ((t >= t[begin]) & (t < t[begin] + DT * n)),
+    )
+    arrived = t + delays[rng.integers(len(delays))]
+    kept = np.ones(len(t), bool)
+    if rng.random() < 0.5:
+        begin = rng.integers(len(t))
+        kept[begin : begin + rng.integers(1, 10)] = False
+    sent = t + rng.choice([0.0, 0.0, 1000.0, -3.0]) * (t > rng.uniform(1.0, t[-1]))
+    order = [k for k in np.argsort(arrived, kind="stable").tolist() if kept[k]]
+    return [Arrival(float(arrived[k]), float(sent[k]), y[k]) for k in order]
+
+
+@pytest.mark.parametrize("seed", range(4, 20))
+def test_a_generated_flight_and_the_scoring_of_its_recording_have_one_verdict(
+    tmp_path: Path, seed: int
+) -> None:
+    both = flown_and_scored(tmp_path, generated(seed))
+    record, _, why = text_of(both.record).partition(": ")
+    manoeuvres = [asdict(each) for each in both.scored.manoeuvres]
+    scored = [verdict_of(each) or OUTCOMES[each["outcome"]].word for each in manoeuvres]
+    if both.record.verdict is None:
+        assert {each["outcome"] for each in manoeuvres} <= {"quiet", "false_alert"}
+    elif any(why and why.split(",")[0] in note for note in both.scored.notes):
+        assert record == "DATA MISSING"  # between manoeuvres
+    else:
+        assert record in [word.split(":")[0] for word in scored]
+
+
 def test_an_alert_in_another_manoeuvre_warns_of_nothing(tmp_path: Path) -> None:
     y = np.concatenate([doublets(fail=False)[3], doublets(fail=True)[1]])
     both = flown_and_scored(tmp_path, in_order(y))
