@@ -51,6 +51,7 @@ from core.types import Array
 TrimRule = Literal["detected", "none"]
 P, R = LATERAL.index("p"), LATERAL.index("r")
 NOT_FAR: Mapping[str, int] = {}
+TIME_UNKNOWN = "time unknown: the source's clock jumped; dated by arrival"
 
 
 class LiveAssessed(NamedTuple):
@@ -109,6 +110,11 @@ class ReceivedExceedance(NamedTuple):
         if not self.is_plausible:
             measured = replace(measured, doubt=NOT_PLAUSIBLE)
         return Exceeded(self.t, measured, self.arrived)
+
+    def doubt_of(self, exceeded: Exceeded) -> str:
+        """What is in doubt of its exceedance; empty for nothing."""
+        unknown = "" if self.is_dated else TIME_UNKNOWN
+        return "; ".join(filter(None, (unknown, self.beyond, exceeded.measured.doubt)))
 
 
 class GridMonitor:

@@ -242,13 +242,19 @@ class Alarms:
         return raised
 
     def exceed(
-        self, seq: int, exceeded: Exceeded, reason: str, clock: Clock, manoeuvre: int = 0
+        self,
+        seq: int,
+        index: int,
+        exceeded: Exceeded,
+        reason: str,
+        clock: Clock,
+        manoeuvre: int = 0,
     ) -> list[Alarm]:
         """A received sample exceeds a limit: return the alarm that this raises, if any.
 
         One that came after later samples and is the earliest beyond a limit raises its own alarm.
-        seq: of the newest grid sample.   reason: what is in doubt of it; empty for nothing.
-        manoeuvre: see Alarm.
+        seq, index: of the newest grid sample, see `update`.   reason: what is in doubt of it; empty
+        for nothing.   manoeuvre: see Alarm.
         """
         t, exceedance, arrived = exceeded
         self._renew_limit(exceedance)
@@ -257,7 +263,7 @@ class Alarms:
             self._onsets["limit"].renew()
         about = {"t": t, "exceedance": exceedance, "reason": reason or None, "arrived": arrived}
         about["manoeuvre"] = manoeuvre
-        return self._begin("limit", seq, t, clock, seq, **about)
+        return self._begin("limit", seq, t, clock, index, **about)
 
     def note_late(self, seq: int, index: int, t: float, reason: str, clock: Clock) -> list[Alarm]:
         """No sample followed seq, at t [s]: return the caution that this raises, if any."""

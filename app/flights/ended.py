@@ -49,7 +49,7 @@ from core.limits.limits import envelope_of, specification_from_plain
 from core.monitor import State
 from core.monitor.assessment import CAUSES, DATA_MISSING, RESTS, STATES, Cause
 from core.monitor.status import Facts, Headline, Level, cause_of, headline
-from core.types import Indices
+from core.types import Array, Indices
 
 RUNNING = "running"
 NO_SAMPLE: NewestState = STATES.index(State.WARMING_UP), "no sample came", None
@@ -234,7 +234,7 @@ def _doubt(
     if kind not in ("live", "journal"):
         return None
     t, y = store.flights.samples(info.id)
-    if not len(t) or (kind == "journal" and is_jump(t, dt)):
+    if not len(t) or (kind == "journal" and is_jump(t, dt) and not _is_whole(store, info, t)):
         return None
     known = np.isfinite(y)
     limited, dictionary = _limited(info, used), Dictionary.from_stored(used[0].dictionary)
@@ -259,6 +259,17 @@ def _doubt(
             return verdict
     why = missing(float(t[0]), float(t[-1]), float(t[0]))
     return no_verdict("unseen", why) if why else None
+
+
+def _is_whole(store: Store, info: FlightInfo, t: Array) -> bool:
+    """Whether a replay showed every sample of its flight once: its gaps are those of the flight.
+
+    t: (n,) of the replay [s].
+    """
+    with suppress(NotFound):
+        flown, _ = store.flights.samples(info.source["flight_id"])
+        return np.array_equal(flown, t)
+    return False
 
 
 def _of_manoeuvres(

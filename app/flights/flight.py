@@ -18,6 +18,7 @@ from app.assessment.grid import Angles, IntegratedAngles
 from app.assessment.input_checks import Doubt
 from app.assessment.monitors_in_use import MonitorRuling, MonitorsInUse
 from app.assessment.rulings import InForceFrom, LimitsInForce, RequestedLimits, Ruling
+from app.assessment.scorer import ReceivedExceedance
 from app.flights.alarms import Alarms
 from app.flights.clock import Clock, Timer
 from app.flights.display_monitors import DisplayMonitor, flown_monitor, no_rest
@@ -636,10 +637,14 @@ class Flight(ABC):
         taken = None if self.head < 0 or self.is_over else self._taken(self.t)
         return None if taken is None else max(self.clock.now() - taken, 0.0)
 
-    def _exceed(self, exceeded: Exceeded, reason: str) -> None:
-        """Raise the alarm of a received sample, which may not reach the grid."""
-        seq = max(self.head, 0)
-        if raised := self.alarms.exceed(seq, exceeded, reason, self.clock, self._manoeuvre):
+    def _exceed(self, sample: ReceivedExceedance, exceeded: Exceeded) -> None:
+        """Raise the alarm of a received sample, which may not reach the grid.
+
+        It comes before the grid sample that may show it: the sensor's own sample gives an
+        exceedance its time and value.
+        """
+        seq, about = max(self.head, 0), (sample.doubt_of(exceeded), self.clock, self._manoeuvre)
+        if raised := self.alarms.exceed(seq, max(self._position, 0), exceeded, *about):
             self._raise_alarms(raised)
         if self._has_new_evidence and self._newest:
             self._judge(seq)

@@ -68,10 +68,11 @@ def in_order(y: Array, mach: Sequence[float] | None = None) -> list[Arrival]:
 
 
 class FlownAndScored(NamedTuple):
-    """A flight, its record, and the scoring of its recording."""
+    """A flight, its record, the scoring of its recording, and the record of its replay, if any."""
 
     record: Record
     scored: ScoredRecording
+    replayed: Record | None = None
 
 
 def flown_and_scored(
@@ -82,8 +83,9 @@ def flown_and_scored(
     trim: str = "detected",
     calls: Sequence[float] = (),
     monitor: Monitor | None = None,
+    replay: bool = False,
 ) -> FlownAndScored:
-    """calls: times of ABORT [s].   monitor: the slow one unless given."""
+    """calls: times of ABORT [s].   monitor: the slow one unless given.   replay: as shown."""
     flown_by = monitor or slow_monitor()
     root.mkdir(exist_ok=True)
     store, clock, journals = open_store(root / "store.db"), ScriptedClock(), Journals(root / "live")
@@ -95,7 +97,7 @@ def flown_and_scored(
     set_id = store.monitor_sets.add("doublet", MonitorSet(tuple(cases)), "Ann").id
     by = {"monitor_set": set_id} if by_set else {"monitor": ids["slow"]}
 
-    async def fly() -> str:
+    async def fly() -> list[str]:
         async with Flights(store, clock=clock, journals=journals) as flights:
             request = {"source": {"kind": "live", "trim": trim}} | by
             flight: Any = await flights.start(FlightRequest.model_validate(request), "Ann")
@@ -116,10 +118,19 @@ def flown_and_scored(
                 await receipt.stored
             clock.advance(0.2)
             await flights.stop(flight.id)
-        return flight.id
+            if not replay:
+                return [flight.id]
+            source = {"source": {"kind": "journal", "flight_id": flight.id}} | by
+            again: Any = await flights.start(FlightRequest.model_validate(source), "Ann")
+            for _ in range(round(again.duration / DT) + 10):
+                clock.advance(DT)
+            await flights.stop(again.id)
+        return [flight.id, again.id]
 
-    flight = asyncio.run(fly())
-    record = records(store, [store.flights.info(flight)])[flight]
+    flight, *again = asyncio.run(fly())
+    record, *replayed = (
+        records(store, [store.flights.info(each)])[each] for each in (flight, *again)
+    )
     with columns_of(journals.path(flight)) as columns:
         mapping = FlownJournal(flight, journals.path(flight), "flight").mapping_for(columns)
         recorded = MappedRecording.of(columns, mapping).scorable()
@@ -129,4 +140,4 @@ def flown_and_scored(
             history = SetHistory.of(columns, mapping, in_use)
         scored = score(flown_by, recorded, ScoringRecipe(), history)
     store.close()
-    return FlownAndScored(record, scored)
+    return FlownAndScored(record, scored, *replayed)

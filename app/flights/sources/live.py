@@ -72,7 +72,6 @@ BATCHES_KEPT, NO_BATCH = 200_000, -1
 FORMAT = 1
 UDP = "UDP "
 """Before the sender of a batch that came as a datagram."""
-TIME_UNKNOWN = "time unknown: the source's clock jumped; dated by arrival"
 
 
 class SequenceConflict(ValueError):
@@ -412,14 +411,9 @@ class LiveFlight(Flight):
         return AcceptedBatch(batch.sequence, len(samples), False, written, self._note_unread(batch))
 
     def _judge_received(self, until: float = inf) -> None:
-        """Raise the alarms of received samples that the grid sample at this time [s] may show.
-
-        They come first: the sensor's own sample gives an exceedance its time and value.
-        """
+        """Raise the alarms of received samples that the grid sample at this time [s] may show."""
         for sample, exceeded in self._judged(self._due(until)):
-            unknown = "" if sample.is_dated else TIME_UNKNOWN
-            reasons = unknown, sample.beyond, exceeded.measured.doubt
-            self._exceed(exceeded, "; ".join(filter(None, reasons)))
+            self._exceed(sample, exceeded)
 
     def _due(self, until: float = inf) -> list[ReceivedExceedance]:
         """Received samples up to this time and a little later [s], which wait no more."""

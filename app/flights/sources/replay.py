@@ -260,13 +260,15 @@ class TrackFlight(Flight):
         if due.restarts:
             self._restart(float(script.t[k]), script.held_until(k))
             self._pass(k)
+        for sample in script.received(k, self._limits(k)):
+            exceeded = sample.exceeded(script.keys)
+            self.exceedances.add(exceeded, sample.y, sample.limits, sample.recorded)
+            if not due.restarts:
+                self._exceed(sample, exceeded)
         self._furthest, self._at = max(self._furthest, k), k
         self._manoeuvre = script.manoeuvre(k)
         self._late = script.late(k)
         self._hold(self._ruled(k), float(script.t[k]))
-        for sample in script.received(k, self._limits(k)):
-            about = sample.y, sample.limits, sample.recorded
-            self.exceedances.add(sample.exceeded(script.keys), *about)
         assessment, display = self._assessed(k)
         about = self._exceeded(k), due.due, k, script.attitude(k), display
         self._fly(

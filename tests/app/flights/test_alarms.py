@@ -68,7 +68,7 @@ def test_a_surer_exceedance_rings_once_without_a_break() -> None:
     for seq, word in enumerate("oo1o1"):
         exceeded = kinds[word]
         assert exceeded is not None
-        rang += [a.seq for a in received.exceed(seq, exceeded, "", clock)]
+        rang += [a.seq for a in received.exceed(seq, seq, exceeded, "", clock)]
     assert rang == [0, 2]
 
 

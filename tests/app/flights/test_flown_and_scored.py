@@ -132,6 +132,34 @@ def test_a_flight_and_the_scoring_of_its_recording_have_one_word(
 
 
 @WORDS
+def test_a_replay_of_a_flight_has_its_verdict(tmp_path: Path, y: Array, word: str) -> None:
+    both = flown_and_scored(tmp_path, in_order(y), replay=True)
+    assert both.replayed is not None
+    assert text_of(both.replayed).split(":")[0] == word
+
+
+def test_a_replay_keeps_the_gap_of_its_flight(tmp_path: Path) -> None:
+    arrivals = in_order(doublets(fail=False)[0])
+    both = flown_and_scored(tmp_path, [*arrivals[:70], *arrivals[92:]], replay=True)
+    assert both.replayed is not None
+    assert text_of(both.replayed) == text_of(both.record)
+    assert text_of(both.record).startswith("DATA MISSING: no sample of Ny")
+
+
+def test_a_replay_judges_an_exceedance_by_the_samples_shown_before_it(
+    attas: Monitor, tmp_path: Path
+) -> None:
+    """The sample that makes the monitor invalid is the one that exceeds."""
+    y = fly(1, 1).y[0][:110].copy()
+    y[-1, NY] = 0.5
+    both = flown_and_scored(tmp_path, in_order(y), monitor=attas, replay=True)
+    assert both.replayed is not None
+    assert "sigma off" in both.record.reason
+    assert both.record.verdict == both.replayed.verdict
+    assert text_of(both.record) == "LIMIT EXCEEDED, missed: no alert before the limit"
+
+
+@WORDS
 def test_a_flight_stored_by_an_earlier_version_has_the_same_verdict(
     tmp_path: Path, y: Array, word: str
 ) -> None:
