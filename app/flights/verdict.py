@@ -239,6 +239,8 @@ def unassessed(t: float, samples: Iterable[SampleCause], lead: float = 0.0, dt: 
         return OUTSIDE
     if not any(sample.state is State.OK for sample in known):
         return UNASSESSED
+    if t - before[-1].t > JUMP * dt:  # the limit was exceeded somewhere in between
+        return UNASSESSED
     rests = [k for k, sample in enumerate(before) if sample.cause in RESTS]
     part = before[rests[-1] + 1 if rests else 0 :]
     if not part:

@@ -378,7 +378,7 @@ def generated(seed: int) -> list[Arrival]:
     return [Arrival(float(arrived[k]), float(sent[k]), y[k]) for k in order]
 
 
-@pytest.mark.parametrize("seed", range(4, 20))
+@pytest.mark.parametrize("seed", [*range(4, 20), 79])  # 79: the limit is exceeded in a gap
 def test_a_generated_flight_and_the_scoring_of_its_recording_have_one_verdict(
     tmp_path: Path, seed: int
 ) -> None:
