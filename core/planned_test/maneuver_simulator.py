@@ -207,6 +207,10 @@ class ManeuverSimulator(ABC):
         pilot = planned(slice(0, n))
         return np.broadcast_to(pilot, (n, *pilot.shape[1:]))
 
+    def _drawn(self, n: int, rng: np.random.Generator) -> Drawn:
+        """The random part of n flights."""
+        return self._flown(*self._planned(n, rng), rng)(slice(0, n))
+
     def _planned(self, n: int, rng: np.random.Generator) -> tuple[Array, Planned]:
         """Theta (n, n_parameters), and the commands of their pilots."""
         theta = self.sample(n, rng)

@@ -281,8 +281,7 @@ def test_bits_of_a_rollout_do_not_depend_on_the_threads(monkeypatch):
 def test_outputs_without_the_unused_run_up_end_as_the_whole_ones(rate: float | None):
     law = replace(CLEAN.control_law, actuator=Actuator(rate_limit_deg_s=rate))
     simulator = LateralSimulator(replace(CLEAN, control_law=law).as_flown())
-    rng = np.random.default_rng(2)
-    drawn = simulator._flown(*simulator._planned(20, rng), rng)(slice(0, 20))
+    drawn = simulator._drawn(20, np.random.default_rng(2))
     some = simulator.outputs(drawn._replace(unused=10))
     whole = simulator.outputs(drawn)
     assert whole.shape[1] - some.shape[1] == 8  # whole blocks of four
