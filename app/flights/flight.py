@@ -526,20 +526,21 @@ class Flight(ABC):
         attitude: Angles,
         display: tuple[Assessment, ...] = (),
         *,
+        judged: Array,
         recorded: Array,
         far: Mapping[str, int],
         arrived: float | None = None,
     ) -> None:
         """Record, check and encode one sample; `_show` follows once per burst.
 
-        display: assessments by the monitors for display.   recorded: y including trim.
-        far: see TrimCheck.   arrived: see Alarm.
+        display: assessments by the monitors for display.   judged: y, NaN where its trim is
+        unknown.   recorded: y including trim.   far: see TrimCheck.   arrived: see Alarm.
         """
         seq = self._recent.head + 1
         self.recorder.add(seq, y, assessment, display, self._manoeuvre)
         sent = round(due * 1e3, 3)
         about = y, assessment, exceedance, attitude, display, sent
-        self._follow(*about, recorded=recorded, far=far)
+        self._follow(*about, judged=judged, recorded=recorded, far=far)
         about = assessment, exceedance, self.clock, self._late
         beyond = beyond_of(self.in_force.ruling)
         when = {"arrived": arrived, "manoeuvre": self._manoeuvre}
@@ -557,6 +558,7 @@ class Flight(ABC):
         display: tuple[Assessment, ...] = (),
         sent: float | None = None,
         *,
+        judged: Array,
         recorded: Array,
         far: Mapping[str, int],
     ) -> None:
@@ -579,7 +581,7 @@ class Flight(ABC):
         self.t, self._assessment, self._pose = assessment.t, assessment, (attitude, y)
         self._exceeds = exceedance is not None
         at, named, _ = (assessment.t, None, "") if exceedance is None else exceedance
-        self.exceedances.update(at, y, self.in_force.limits, named, recorded)
+        self.exceedances.update(at, judged, self.in_force.limits, named, recorded)
 
     def _ahead_of(self, assessment: Assessment) -> Ahead | None:
         """Forecast of the rest of the card, from time to time and at the last sample."""

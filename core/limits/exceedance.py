@@ -84,16 +84,16 @@ class ChannelExceedances:
 
 @dataclass(slots=True)
 class LatchedExceedance:
-    """An exceedance from trim that its strip shows until it is acknowledged and has ended."""
+    """An exceedance that its strip shows until it is acknowledged and has ended."""
 
     __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
 
     channel: str
     """key"""
     t: float
-    """first sample from trim beyond the limit [s]"""
+    """first sample beyond the limit [s]"""
     value: float
-    """largest value from trim since, in the channel's `unit`"""
+    """largest value from trim since, as recorded if none is; in the channel's `unit`"""
     over: bool
     """whether the newest sample exceeds the limit"""
     acknowledged: bool
@@ -240,7 +240,7 @@ class Exceedances:
     ) -> None:
         """Add a sample of the grid.
 
-        t: of its exceedance if it has one [s].   y: (n_channels,) from trim.
+        t: of its exceedance if it has one [s].   y: (n_channels,) from trim, NaN where unknown.
         named: its exceedance, or one since the last sample.   recorded: y including trim.
         """
         if named is None and not self._is_over_any:
@@ -254,7 +254,7 @@ class Exceedances:
             else:
                 interval.end = max(interval.end, t)
         self._over = set(values)
-        self._latch(t, {key: value for key, (value, _) in from_trim.items()}, y)
+        self._latch(t, values, y if recorded is None else recorded)
         self._is_over_any = bool(self._over) or any(
             latched.over for latched in self._latched.values()
         )
@@ -313,7 +313,7 @@ class Exceedances:
         self._note(
             named.channel, [_Beyond(t, named.value, named.limit, named.judged != "recorded")]
         )
-        if named.judged != "recorded" and not self._interval_at(named.channel, t).acknowledged:
+        if not self._interval_at(named.channel, t).acknowledged:
             skipped = LatchedExceedance(named.channel, t, named.value, False, False, skipped=True)
             self._latched.setdefault(named.channel, skipped)
         if goes_on:
@@ -389,17 +389,20 @@ class Exceedances:
     def _further(self, key: str, *values: float) -> float:
         return max(values, key=lambda value: abs(value - self._rest[key]))
 
-    def _latch(self, t: float, over: dict[str, float], y: Array) -> None:
-        for key, value in over.items():
-            latched, at = self._latched.get(key), self._interval_at(key, t)
-            start, largest = at.from_trim or (t, value)
-            if latched is None:
-                latched = LatchedExceedance(key, start, largest, True, at.acknowledged)
-                self._latched[key] = latched
-            latched.over, latched.skipped = True, False
-            latched.value = self._further(key, latched.value, largest, value)
+    def _latch(self, t: float, over: Mapping[str, Sequence[_Beyond]], recorded: Array) -> None:
+        for key, (beyond, *_) in over.items():
+            at = self._interval_at(key, t)
+            since = self._latched.get(key)
+            if since is None:
+                since = LatchedExceedance(key, at.start, beyond.value, True, at.acknowledged)
+                self._latched[key] = since
+            since.over, since.skipped, since.t = True, False, min(since.t, at.start)
+            if at.from_trim is not None:
+                since.value = at.from_trim[1]
+            elif at.recorded is not None:
+                since.value = at.recorded
         for key in [key for key in self._latched if key not in over]:
-            if isnan(y.item(self._index[key])):
+            if isnan(recorded.item(self._index[key])):
                 continue
             if self._latched[key].acknowledged:
                 del self._latched[key]

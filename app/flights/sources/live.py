@@ -521,7 +521,9 @@ class LiveFlight(Flight):
             assessed, received = replay.waiting.popleft()
             replay.exceeding += self._judged(received)
             shown = *self._flown(assessed), assessed.display
-            self._follow(*shown, recorded=assessed.recorded, far=assessed.far)
+            self._follow(
+                *shown, judged=assessed.judged, recorded=assessed.recorded, far=assessed.far
+            )
             assessment = assessed.assessment
             if gives_alarm("invalid", assessment):
                 replay.since.setdefault("invalid", assessment.t)
@@ -658,6 +660,7 @@ class LiveFlight(Flight):
         shown = y, assessment, exceeded, *about
         self._fly(
             *shown,
+            judged=assessed.judged,
             recorded=assessed.recorded,
             far=assessed.far,
             arrived=assessed.shown,

@@ -275,6 +275,7 @@ class TrackFlight(Flight):
             script.y(k),
             assessment,
             *about,
+            judged=script.judged(k),
             recorded=script.recorded(k),
             far=script.far(k),
             arrived=script.arrived(k),

@@ -97,15 +97,26 @@ def test_the_worst_value_is_one_from_trim_and_a_further_one_as_recorded_is_besid
         log.update(t, y, LIMITS, named, recorded)
         if t < 7.7:
             assert [one.worst for one in log.of_channels] == [pytest.approx(ny + 0.225)]
-            assert log.latched == []
+            assert [one.value for one in log.latched] == [pytest.approx(ny + 0.225)]
         assert log.is_first_as_recorded
     (of_ny,), (latched,) = log.of_channels, log.latched
     assert (of_ny.n, of_ny.first_t, of_ny.worst, of_ny.worst_t) == (1, 7.4, 0.504, 7.7)
     assert (of_ny.recorded, of_ny.recorded_t) == (pytest.approx(0.729), 7.7)
-    assert (latched.t, latched.value, latched.recorded) == (7.7, 0.504, pytest.approx(0.729))
+    assert (latched.t, latched.value, latched.recorded) == (7.4, 0.504, pytest.approx(0.729))
     log = sampled((0.6, 0))
     assert not log.is_first_as_recorded
     assert [one.recorded for one in log.latched] == [None]
+
+
+def test_a_value_of_unknown_trim_is_latched_as_recorded() -> None:
+    log = Exceedances(dict.fromkeys(KEYS, 0.0))
+    for t, ny in ((1.0, 0.56), (1.1, 0.92), (1.2, 0.1)):
+        recorded = np.where(np.arange(6) == NY, ny, 0.0)
+        y = np.where(np.arange(6) == NY, np.nan, recorded)
+        log.update(t, y, LIMITS, exceedance(KEYS, LIMITS, y, recorded), recorded)
+        (latched,) = log.latched
+        assert latched.over == (ny > 0.5)
+    assert (latched.t, latched.value, latched.recorded) == (1.0, 0.92, None)
 
 
 def test_an_exceedance_is_latched_until_it_was_acknowledged_and_is_over() -> None:
