@@ -25,10 +25,10 @@ from core.monitor.calibration import Guarantee, alert_above, check_epsilon, p_va
 from core.monitor.monitor import Monitor
 from core.monitor.observation import lead_steps
 from core.monitor.peak_forecast import lowest_within
-from core.monitor.peak_ridge import LearnedFlights, RidgeForecast, fit_windows
+from core.monitor.peak_ridge import LearnedFlights, fit_windows
 from core.monitor.predictor import PREDICTORS, Ensemble, PeakRidge, Predictor
 from core.monitor.recipe import MISS_RATE, MonitorRecipe
-from core.monitor.response_filter import CardForecast, fit_card
+from core.monitor.response_filter import fit_card
 from core.monitor.score import SCORES, RestOfCard, Score
 from core.monitor.training import SafeObservations, train
 from core.planned_test.collection import (
@@ -379,22 +379,23 @@ class _Part:
             (dataset.unsafe, dataset.fail_index),
             (flights.y, np.minimum(flights.fail_index, flights.y.shape[1] - 1)),
         )
-        forecasts: Sequence[CardForecast | RidgeForecast] = []
         if predictor.forecast == "card":
             try:
                 card = card_of(self._test)
             except CardError:
                 return {}
-            fitted = fit_card(card, dataset.safe, dataset.specification, RestOfCard(), 0)
-            forecasts = [CardForecast(fitted.card._replace(window=window)) for window in windows]
-        elif predictor.forecast == "peaks" and isinstance(predictor, PeakRidge):
+            forecast = fit_card(card, dataset.safe, dataset.specification, RestOfCard(), 0)
+            failures, tests = (forecast.scores_within(np.array(windows), *flown) for flown in both)
+            return dict(zip(windows, zip(failures, tests, strict=True), strict=True))
+        if predictor.forecast == "peaks" and isinstance(predictor, PeakRidge):
             learned = LearnedFlights.of(dataset.safe, None, judged=True)
             limits = envelope_of(dataset.specification)
             forecasts = fit_windows(predictor, learned, limits, windows, dataset.dt)
-        return {
-            window: (forecast.scores(*both[0]), forecast.scores(*both[1]))
-            for window, forecast in zip(windows, forecasts, strict=False)
-        }
+            return {
+                window: (forecast.scores(*both[0]), forecast.scores(*both[1]))
+                for window, forecast in zip(windows, forecasts, strict=True)
+            }
+        return {}
 
     def _by_baselines(self) -> Iterator[tuple[tuple[str, float], _Scores]]:
         usable = baselines_for(self._dataset.dictionary)

@@ -248,29 +248,42 @@ def _danger_in_rest(card, estimate):
 
 
 @jit
-def _danger_within(card, estimate):
-    """As `_danger_in_rest` within the window, over the possible times of the next switch."""
+def _dangers_within(card, estimate, windows, dangers):
+    """As `_danger_in_rest` within windows, over the possible times of the next switch.
+
+    windows: (n,) samples, ascending, above 0.   dangers: (n,) output.
+    """
     counts, m = estimate.counts, estimate.switches.shape[0]
     n, sample = counts[SWITCHED], counts[TAKEN]
     if n == 0:
-        return NONE
+        dangers[:] = NONE
+        return
     pending = n < m
     passed = min(sample - estimate.switches[n - 1], card.later.shape[1] - 1)
     n_cases = card.later.shape[2] if pending else 1
-    share = margins = 0.0
+    shares, margins = np.zeros(len(windows)), np.zeros(len(windows))
     for case in range(n_cases):
         _plan_on(card, estimate, sample, card.later[n, passed, case] if pending else 0)
-        last = min(sample + card.window, estimate.plan[m - 1] + card.tail)
-        margin = _largest_margin(card, estimate, sample + 1, last)
-        share += 0.5 * (1.0 + erf(margin / sqrt(2.0))) / n_cases
-        margins += margin / n_cases
-    return log((share + FINEST_SHARE) / (1.0 - share + FINEST_SHARE)) + MARGIN_WEIGHT * margins
+        end, seen, margin = estimate.plan[m - 1] + card.tail, sample, NONE
+        for k in range(len(windows)):
+            last = min(sample + windows[k], end)
+            margin = max(margin, _largest_margin(card, estimate, seen + 1, last))
+            seen = max(seen, last)
+            shares[k] += 0.5 * (1.0 + erf(margin / sqrt(2.0))) / n_cases
+            margins[k] += margin / n_cases
+    for k in range(len(windows)):
+        odds = (shares[k] + FINEST_SHARE) / (1.0 - shares[k] + FINEST_SHARE)
+        dangers[k] = log(odds) + MARGIN_WEIGHT * margins[k]
 
 
 @jit
 def _danger(card, estimate):
     """How certainly a limit will be exceeded within the score's window."""
-    return _danger_in_rest(card, estimate) if card.window == 0 else _danger_within(card, estimate)
+    if card.window == 0:
+        return _danger_in_rest(card, estimate)
+    dangers = np.empty(1)
+    _dangers_within(card, estimate, np.full(1, card.window), dangers)
+    return dangers[0]
 
 
 @jit
@@ -416,20 +429,30 @@ def squares(card, y, off, expected):
 
 
 @jit
-def _scores_some(card, y, last, start, stop, scores):
+def _scores_some(card, windows, y, last, start, stop, scores):
+    rest = windows[0] == 0
+    within, dangers = windows[1:] if rest else windows, np.empty(len(windows))
     for i in range(start, stop):
         estimate = begin(card.steps.shape[0])
         for t in range(last[i] + 1):
             _add_sample(card, estimate, y[i, t], True)
-            scores[i, t] = -_danger(card, estimate)
+            if rest:
+                dangers[0] = _danger_in_rest(card, estimate)
+            if len(within) > 0:
+                _dangers_within(card, estimate, within, dangers[len(windows) - len(within) :])
+            scores[:, i, t] = -dangers
             estimate.counts[TAKEN] += 1
 
 
-def scores(card: CardResponses, y: Array, last: Indices) -> Array:
-    """Scores (n, n_samples) of samples 0..last of each flight; +inf for the rest.
+def scores_within(card: CardResponses, windows: Indices, y: Array, last: Indices) -> Array:
+    """Score of each sample 0..last of flights for other windows of the card; +inf for the rest.
 
+    windows: (n_windows,) samples, ascending; may start with 0 for the rest of the card.
     y: (n, n_samples, 6), finite over samples 0..last.   last: (n,).
+    Returns (n_windows, n, n_samples).
     """
-    scores = np.full(y.shape[:2], np.inf)
-    in_chunks(len(y), FLIGHTS_A_TASK, lambda a, b: _scores_some(card, y, last, a, b, scores))
+    scores = np.full((len(windows), *y.shape[:2]), np.inf)
+    in_chunks(
+        len(y), FLIGHTS_A_TASK, lambda a, b: _scores_some(card, windows, y, last, a, b, scores)
+    )
     return scores

@@ -257,11 +257,17 @@ class CardForecast(PeakForecast):
         return ForecastScores(score, state, y_hat, lost)
 
     def lowest_scores(self, y: Array, first: Indices, last: Indices) -> Array:
-        return lowest_within(self.scores(y, last), last, first)
+        window = np.array([self.card.window])
+        return lowest_within(self.scores_within(window, y, last)[0], last, first)
 
-    def scores(self, y: Array, last: Indices) -> Array:
-        """See the kernel."""
-        return kernels.scores(self.card, y, last)
+    def scores_within(self, windows: Indices, y: Array, last: Indices) -> Array:
+        """Score of each sample for other windows of the card, without fitting again.
+
+        windows: (n_windows,) samples, ascending; 0, for the rest of the card, is the first of them.
+        y: (n, n_samples, 6), finite over samples 0..last.   last: (n,).
+        Returns (n_windows, n, n_samples); +inf after `last`.
+        """
+        return kernels.scores_within(self.card, windows, y, last)
 
     def to_section(self) -> Section:
         header: dict[str, Any] = {name: getattr(self.card, name) for name in NUMBERS}
