@@ -114,8 +114,10 @@ def verdict(alarms: Iterable[Alarm], circumstances: Circumstances = AS_FLOWN) ->
     from_trim = _from_trim(first, alarms, circumstances)
     if raw.exceedance is None:
         return from_trim
-    text = after_recorded(from_trim.text, first.t, raw.t, raw.exceedance.doubt)
-    return from_trim.model_copy(update={"text": text})
+    text, warning = after_recorded(from_trim.text, first.t, raw.t, raw.exceedance.doubt), ""
+    if from_trim.warning and text != from_trim.text:
+        warning = f"{from_trim.warning} from trim, exceeded as recorded earlier"
+    return from_trim.model_copy(update={"text": text, "warning": warning or from_trim.warning})
 
 
 def _from_trim(first: Alarm, alarms: Sequence[Alarm], circumstances: Circumstances) -> Verdict:

@@ -526,3 +526,17 @@ def test_at_rest_a_limit_is_judged_from_the_trim_of_that_rest(
     both = flown_and_scored(tmp_path, in_order(y))
     assert [each.doubt for each in both.scored.outside_exceedances] == doubts
     assert (both.record.verdict is not None) == bool(doubts)
+
+
+@pytest.mark.parametrize(("rest_s", "is_in_trim"), [(2.0, False), (4.0, True)])
+def test_a_manoeuvre_from_the_trim_of_an_earlier_rest_does_not_begin_in_trim(
+    tmp_path: Path, rest_s: float, is_in_trim: bool
+) -> None:
+    flown = 0.3 * doublets(fail=False)[0]
+    n_rest = round(rest_s / DT)
+    y = np.concatenate([flown, np.tile(flown[:1], (n_rest, 1)), flown[BEGINS:]])
+    y[len(flown) :, NY] -= 0.3
+    _, second = flown_and_scored(tmp_path, in_order(y)).scored.manoeuvres
+    (check,) = (each for each in second.validity.checks if each.name == "trim")
+    assert check.ok == is_in_trim
+    assert ("counts from the trim of an earlier rest" in check.text) != is_in_trim

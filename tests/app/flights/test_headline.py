@@ -625,3 +625,18 @@ def test_the_page_and_open_mct_have_the_words_of_the_server() -> None:
     assert {key: words[key] for key in words.keys() & server.keys()}.items() <= server.items()
     mct = re.findall(r'"([A-Z ]+)"', (static / "openmct/forewarn.js").read_text())
     assert {*server.values()} - {"PAUSED"} <= {*mct}
+
+
+def test_a_warning_names_that_the_limit_was_exceeded_as_recorded_before() -> None:
+    """See `verdict`: the headline in flight is its warning."""
+    raw, from_trim = (MeasuredExceedance("Ny", 0.6, 0.5, judged) for judged in ("recorded", "both"))
+    alarms = [
+        alarm(1, 10, 1.0, "limit", exceedance=raw),
+        alarm(2, 40, 4.0),
+        alarm(3, 50, 5.0, "limit", exceedance=from_trim),
+    ]
+    warned = verdict(alarms)
+    assert warned is not None
+    assert (
+        warned.warning == "Warned 1.00 s before the limit from trim, exceeded as recorded earlier"
+    )
