@@ -429,7 +429,7 @@ def _as_shown(manoeuvre: Mapping[str, Any]) -> Wording:
         return wording
     if manoeuvre["exceedance"] is None and not verdict.endswith(NOT_PLAUSIBLE):
         word, text = f"{verdict}; {wording.word}", f"{verdict}; {wording.text}"
-        level: OutcomeLevel = "caution" if wording.level == "ok" else wording.level
+        level: OutcomeLevel = "caution" if wording.level in ("ok", "off") else wording.level
         return Wording("◆", word, level, text)
     is_timely = manoeuvre["outcome"] == "timely_alert"
     return Wording("▲", verdict, "caution" if is_timely else "alert", verdict)

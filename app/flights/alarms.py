@@ -99,9 +99,11 @@ class Onsets:
             self._flown.extend(bytes(max(index + 1 - len(self._flown), 0)))
             self._flown[index] = True
 
-    def latch(self, alarm_id: str) -> None:
+    def latch(self, alarm_id: str, held_t: float | None = None) -> None:
+        """held_t: of a restored alarm, when its condition held [s]."""
         self._latest = alarm_id
         self._open.add(alarm_id)
+        self._last_t = self._last_t if held_t is None else held_t
 
     def release(self, alarm_id: str) -> None:
         self._open.discard(alarm_id)
@@ -171,7 +173,7 @@ class Alarms:
             self._keep_evidence(alarm)
             if alarm.acknowledged is None:
                 self._keep_open(alarm)
-                self._onsets[alarm.kind].latch(alarm.id)
+                self._onsets[alarm.kind].latch(alarm.id, alarm.t if alarm.kind == "limit" else None)
             else:
                 self._closed = [*self._closed, alarm][-CLOSED_KEPT:]
         for kind in active:

@@ -46,9 +46,11 @@ class ChoiceRecipe:
         check_bounds(self)
         targets = self.most_missed, self.most_false_alarms
         if (self.cost_of_miss is None) == (None in targets):
+            names = "most_missed", "most_false_alarms", "cost_of_miss"
+            given = [name for name in names if getattr(self, name) is not None]
             raise ChoiceError(
-                f"most_missed={self.most_missed}, most_false_alarms={self.most_false_alarms} and "
-                f"cost_of_miss={self.cost_of_miss} were given: give both targets, or only the cost"
+                f"given: {' and '.join(given) or 'none of the targets'}. Give both most_missed and "
+                "most_false_alarms, or only cost_of_miss"
             )
 
 

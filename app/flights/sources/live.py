@@ -335,7 +335,9 @@ class LiveFlight(Flight):
         active: list[AlarmKind] = [
             d.kind for d in self.scorer.doubts if d.kind and (d.kind, d.t) in known
         ]
-        if any(self._is_alarmed(self.t, key, stored_t) for key in self.exceedances.over):
+        newest = [(self.t, key) for key in self.exceedances.over]
+        newest += [(t, named.channel) for _, (t, named, _) in replayed if t > self.t]
+        if any(self._is_alarmed(t, key, stored_t) for t, key in newest):
             active.append("limit")
         for kind, since in replay.since.items():
             if any(alarm.kind == kind and alarm.t > since - REJOIN_S for alarm in alarms):

@@ -148,7 +148,8 @@ def _usable(builder: ProposalBuilder, group: str) -> set[int]:
     """Groups whose signals are proposed: all that have a time; only `group` if it is given."""
     groups = builder.columns.contents.groups
     if group and group not in (names := [each.name for each in groups]):
-        raise TelemetryError(f"the file has no group {group!r}: choose one of {', '.join(names)}")
+        known = f"choose one of {', '.join(names)}" if names else "it has no groups, so give none"
+        raise TelemetryError(f"the file has no group {group!r}: {known}")
     return {
         n
         for n, each in enumerate(groups)

@@ -219,6 +219,32 @@ def test_an_exceedance_that_outlasts_a_restart_is_one_alarm(tmp_path: Path) -> N
     flown(fly, tmp_path)
 
 
+@pytest.mark.parametrize("n_recorded", [39, 40])
+def test_an_exceedance_that_only_the_sensor_showed_before_a_kill_is_one_alarm(
+    tmp_path: Path, n_recorded: int
+) -> None:
+    """Its grid sample is settled after the restart."""
+
+    async def fly(live: Live, y: Array) -> None:
+        y = np.zeros_like(y)
+        y[40:, 3] = 0.6
+        for k in range(41):
+            await live.push(k, y[k]).stored
+        alarms = [alarm for alarm in live.flight.alarms.at_hand if alarm.kind == "limit"]
+        assert len(alarms) == 1
+        again = live.another(SilentRecorder(live.clock))
+        lines = lines_of(live.journals.path(again.id))
+        again.resume(again.restore(lines, n_recorded - 1, alarms, []))
+        live.clock.advance(5.0)
+        for k in range(41, 50):
+            live.clock.advance(DT)
+            again.receive(batch(k, y[k]), "rest")
+        assert [alarm.kind for alarm in again.alarms.at_hand].count("limit") == 1
+        await again.stop("enough")
+
+    flown(fly, tmp_path)
+
+
 @pytest.mark.parametrize("is_recorded", [True, False])
 def test_an_acknowledged_risk_that_outlasts_a_restart_rings_no_more(
     tmp_path: Path, is_recorded: bool
