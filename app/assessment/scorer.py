@@ -33,7 +33,7 @@ from app.assessment.planned_test import (
     needed_channels,
 )
 from app.assessment.rulings import ConditionHold, LimitsInForce, LimitsRule, Ruling
-from app.assessment.trim import CausalTrim
+from app.assessment.trim import CausalTrim, of_earlier_rest
 from app.telemetry.readers.journal import CALL
 from core.channels import LATERAL
 from core.conditions import Condition, ConditionKey
@@ -246,6 +246,7 @@ class CausalScorer:
         self._coverage = CoverageSoFar(monitor.dt, round(length / monitor.dt))
         self._conditions = ConditionHold()
         self._contradiction: tuple[Doubt, ...] = ()
+        self._earlier_rest: tuple[Doubt, ...] = ()
         self._exceedances: list[ReceivedExceedance] = []
         self.lag = Lag(self.lead)
         self.zero = np.inf
@@ -317,7 +318,8 @@ class CausalScorer:
     @property
     def doubts(self) -> tuple[Doubt, ...]:
         """Why the newest received sample is no picture of the aircraft."""
-        checks = self._checks.doubts, self._contradiction, self._trim_check.doubts
+        trim = self._earlier_rest or self._trim_check.doubts
+        checks = self._checks.doubts, self._contradiction, trim
         return (*chain.from_iterable(checks), *self._coverage.doubts)
 
     @property
@@ -389,6 +391,9 @@ class CausalScorer:
             trim = self._trim.level
             if begins:
                 self._restart(trim)
+                self._note_earlier_rest(sample.t, trim, self._trim.rest)
+            elif not self._trim.manoeuvre:
+                self._earlier_rest = ()
             self._trim_check.note(sample.t, trim, by_hand=self._is_by_hand)
             self._is_by_hand = False
             known = sample.y - trim
@@ -405,6 +410,12 @@ class CausalScorer:
         self._coverage.note(assessment, self.manoeuvre if self._trim else 1)
         about = assessment, sample.attitude, self.manoeuvre, sample.shown, display, ruling
         return LiveAssessed(y, known, sample.y, *about, self._trim_check.far)
+
+    def _note_earlier_rest(self, t: float, trim: Array, rest: Array) -> None:
+        """A manoeuvre begins."""
+        key, why = of_earlier_rest(self._authority.monitor, trim, rest)
+        about = "trim", Level.CAUTION, t, f"{why}: fly back to trim", (key,)
+        self._earlier_rest = (Doubt(*about),) if key else ()
 
     def _note_contradiction(self, t: float, reason: str) -> None:
         if not reason:

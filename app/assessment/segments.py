@@ -12,7 +12,7 @@ from app.assessment.monitors_in_use import MonitorRuling, MonitorsInUse, needs_b
 from app.assessment.planned_test import PlannedTest
 from app.assessment.recorded import RecordedFlight
 from app.assessment.scored import MOST_MANOEUVRES
-from app.assessment.trim import GUARD_S, FollowedManoeuvre
+from app.assessment.trim import GUARD_S, FollowedManoeuvre, mean_of_rest
 from app.telemetry.recording import Recording, TelemetryError
 from app.telemetry.timing.repair import RepairedTraces
 from core.channels import LATERAL, Dictionary
@@ -276,14 +276,6 @@ def _marked(
             )
         rest = slice(first, min(first + max(1, round(seconds / dt)), stop))
     return Segment(interval.name, first, stop - 1, None, rest)
-
-
-def mean_of_rest(rest: Array) -> Array:
-    """Trim from a rest (n, k): (k,) mean of each channel's known samples, NaN without any."""
-    known = np.isfinite(rest)
-    count = known.sum(axis=0)
-    total = np.where(known, rest, 0.0).sum(axis=0)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 def by_monitor(

@@ -167,6 +167,14 @@ class CausalTrim:
         return level
 
     @property
+    def rest(self) -> Array:
+        """(n_channels,) mean of the newest rest that counts; NaN where unknown."""
+        memory, n_rest = self._state.rest, int(self._state.counts[kernel.N_REST])
+        if n_rest < len(memory):
+            return np.full(memory.shape[1], np.nan)
+        return mean_of_rest(memory[(n_rest + np.arange(self._rule.n_trim)) % len(memory)])
+
+    @property
     def waits(self) -> tuple[str, Cause]:
         """Why there is no manoeuvre, in words and in one."""
         if self._state.counts[kernel.HAS_TRIM]:
@@ -269,3 +277,33 @@ def largest_at_rest(usual: Array) -> Array:
 def moved(keys: list[str]) -> str:
     """Why a trim is unknown."""
     return f"the aircraft moves: the trim of {', '.join(keys)} is unknown until it rests"
+
+
+def mean_of_rest(rest: Array) -> Array:
+    """Trim from a rest (n, k): (k,) mean of each channel's known samples, NaN without any."""
+    known = np.isfinite(rest)
+    count = known.sum(axis=0)
+    total = np.where(known, rest, 0.0).sum(axis=0)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def of_earlier_rest(monitor: Monitor, trim: Array, rest: Array) -> tuple[str, str]:
+    """Key of the output that counts from the trim of an earlier rest, since it moved, and why.
+
+    Both empty for none.   trim: (n_channels,) of a manoeuvre.   rest: (n_channels,) mean before it.
+    """
+    dictionary, counted = monitor.dictionary, np.zeros(len(trim), bool)
+    counted[[*dictionary.of_role("output")]] = True
+    counted[[*dictionary.absolute]] = False
+    counted &= needed_channels(monitor)
+    away = np.abs(rest - trim) / largest_at_rest(monitor.training_max_abs)
+    share = np.where(counted & np.isfinite(away), away, 0.0)
+    c = int(share.argmax())
+    if share[c] <= 1.0:
+        return "", ""
+    channel, calm = dictionary.channels[c], planned_test(monitor).trim_segment_s + GUARD_S + CALM_S
+    return channel.key, (
+        f"{channel.key} moved within {calm:.3g} s before the first input, so it counts from the "
+        f"trim of an earlier rest, {channel.read(trim.item(c))}, and begins at "
+        f"{channel.read(rest.item(c))}"
+    )

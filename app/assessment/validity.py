@@ -13,8 +13,8 @@ from app.assessment.outcome import LIMITS, OBSERVATIONS
 from app.assessment.planned_test import PlannedTest, first_direction, read_channels
 from app.assessment.recorded import RecordedFlight
 from app.assessment.scored import Check, Validity
-from app.assessment.segments import Segment, mean_of_rest
-from app.assessment.trim import CALM_S, GUARD_S, largest_at_rest
+from app.assessment.segments import Segment
+from app.assessment.trim import largest_at_rest, mean_of_rest, of_earlier_rest
 from app.telemetry.recording import Recording
 from core.channels import LATERAL, Dictionary
 from core.kernels.causal_grid import RATE_RATIO
@@ -383,8 +383,11 @@ def trim(assessed: AssessedSegment) -> Check:
     known = np.isfinite(rest)
     spread = rest.max(0, initial=-np.inf, where=known) - rest.min(0, initial=np.inf, where=known)
     most = largest_at_rest(assessed.monitor.training_max_abs[outputs])
-    if earlier := _of_earlier_rest(assessed, outputs, most):
-        return Check("trim", False, earlier)
+    if segment.trim is not None:
+        level = mean_of_rest(assessed.recording.y[segment.rest])
+        _, earlier = of_earlier_rest(assessed.monitor, segment.trim, level)
+        if earlier:
+            return Check("trim", False, f"{earlier}: the flight does not begin in trim")
     share = np.where(assessed.needed[outputs], spread / most, 0.0)
     worst = int(share.argmax())
     channel = assessed.dictionary.channels[outputs[worst]]
@@ -392,30 +395,6 @@ def trim(assessed: AssessedSegment) -> Check:
     if share[worst] > 1.0:
         return Check("trim", False, f"{text}, but {moved}: the flight does not begin in trim")
     return Check("trim", True, text)
-
-
-def _of_earlier_rest(assessed: AssessedSegment, outputs: list[int], most: Array) -> str:
-    """Which output counts from the trim of an earlier rest, since it moved; empty for none.
-
-    most: (n_outputs,) extent that still counts as rest.
-    """
-    segment = assessed.segment
-    if segment.trim is None or segment.rest is None:
-        return ""
-    level = mean_of_rest(assessed.recording.y[segment.rest][:, outputs])
-    away = np.abs(level - segment.trim[outputs]) / most
-    share = np.where(assessed.needed[outputs] & np.isfinite(away), away, 0.0)
-    worst = int(share.argmax())
-    if share[worst] <= 1.0:
-        return ""
-    channel = assessed.dictionary.channels[outputs[worst]]
-    trim, rest = segment.trim.item(outputs[worst]), level.item(worst)
-    calm = assessed.flight.planned.trim_segment_s + GUARD_S + CALM_S
-    return (
-        f"{channel.key} moved within {calm:.3g} s before the first input, so it counts from the "
-        f"trim of an earlier rest, {channel.read(trim)}, and begins at {channel.read(rest)}: the "
-        "flight does not begin in trim"
-    )
 
 
 def final_withdrawal(
