@@ -35,8 +35,8 @@ def test_an_epsilon_is_chosen_by_costs_or_by_targets(file: Path, capsys) -> None
 
 def test_what_cannot_be_chosen_is_one_error(file: Path, tmp_path: Path, capsys) -> None:
     for options, words in (
-        ([], "give both targets, or only the cost"),
-        (["--most-missed", "0.1"], "--most-false-alarms=None"),
+        ([], "Give both --most-missed"),
+        (["--most-missed", "0.1"], "given: --most-missed. Give both"),
         (["--cost-of-miss", "1", "--n-test", "0"], "--n-test=0 was given"),
         (
             ["--most-missed", "0.01", "--most-false-alarms", "0.9", "--n-test", "400"],

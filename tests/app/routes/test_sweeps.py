@@ -96,7 +96,7 @@ def test_an_epsilon_is_chosen_by_a_job(client, monitor):
 @pytest.mark.parametrize(
     ("order", "words"),
     [
-        ({}, "give both targets, or only the cost"),
+        ({}, "Give both most_missed"),
         ({"most_missed": 2, "most_false_alarms": 0.1}, "give a share between 0 and 1"),
         ({"cost_of_miss": "dear"}, "cost_of_miss is 'dear': give a number"),
         ({"cost_of_miss": 1, "n_test": 0}, "n_test=0"),

@@ -316,8 +316,7 @@ def test_a_latched_exceedance_of_either_sign_is_shown(strips: Open) -> None:
         assert readout(page, "Ny", "latch") == f"{peak} from trim, sensor {sensor}"
         passed = json.dumps(latched | {"skipped": True})
         run(page, f"h.chart.latch([{passed}]); h.draw(1200)")
-        assert readout(page, "Ny", "state") == "SKIPPED"
-        assert readout(page, "Ny") == ""
+        assert readout(page, "Ny", "badge") == "LIMIT"
         assert readout(page, "Ny", "latch").endswith("exceeded, values skipped")
     run(page, "h.chart.latch([]); h.draw(1300)")
     assert not page.locator('.strip[data-key="Ny"] .readout-latch').is_visible()

@@ -288,12 +288,11 @@ function createSource({ strips, ring, seriesOf, intake, timeline, alertAbove, le
     const [last, now] = [ring.count() - 1, state()];
     const i = now === "stale" ? lastKnown(series) : last;
     const value = i < 0 ? NaN : ring.value(series, i);
-    const skipped = latchedOf(strip)?.skipped;
-    const old = now === "stale" && Number.isFinite(value) && !strip.risk && !skipped;
+    const old = now === "stale" && Number.isFinite(value) && !strip.risk;
     const age = old ? Math.max(0, timeline.age(wall)) + ring.time(last) - ring.time(i) : NaN;
     return {
       values: [single(value)],
-      word: skipped ? "SKIPPED" : isKnown(strip, now, value) ? "" : (STATE_WORDS[now] ?? now),
+      word: isKnown(strip, now, value) ? "" : (STATE_WORDS[now] ?? now),
       state: WITHDRAWN.includes(now) ? "invalid" : now,
       last: old,
       alert: strip.risk && intake.status.alert,
