@@ -14,6 +14,7 @@ from app.assessment.outcome import (
     against_limits,
     lead_words,
     notes_on_outside,
+    wording_of,
 )
 from app.assessment.scored import ScoredManoeuvre, Validity
 from app.assessment.trim import TrimSteps
@@ -142,3 +143,12 @@ def test_exceedances_and_trim_are_in_display_units():
 def test_a_lead_is_never_rounded_up(lead: float, words: str) -> None:
     """Except for rounding errors of floats."""
     assert lead_words(lead) == words
+
+
+@pytest.mark.parametrize("outcome", ["quiet", "invalid", "unassessed"])
+def test_an_exceedance_as_recorded_is_at_least_a_caution(outcome: str) -> None:
+    raw = {"t": 3.0, "channel": "Ny", "value": 0.6, "doubt": "trim unknown"}
+    about = {"exceedance": None, "recorded_exceedance": raw, "validity": {}}
+    wording = wording_of({"outcome": outcome, **about})
+    assert wording.level == "caution"
+    assert wording.word.startswith("LIMIT EXCEEDED as recorded, trim unknown; ")
