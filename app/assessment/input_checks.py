@@ -154,7 +154,7 @@ class TrimCheck:
             return
         self._trim = known
         share = self._share_of(trim, self._limits)
-        self.far = self.far_at(trim)
+        self.far = self._far_by(share)
         self._note_changes(t, trim, self._limits, by_hand)
         if self.doubts and abs(share.item(self._at) - self._share) < SETTLED:
             return
@@ -184,10 +184,10 @@ class TrimCheck:
 
     def far_at(self, trim: Array) -> Mapping[str, int]:
         """Channels, by key, whose trim (n_channels,) is a notable share of their limit."""
-        if self._limits is None:
-            return {}
-        at = np.flatnonzero(self._share_of(trim, self._limits) >= NOTABLE).tolist()
-        return {self._channels[c].key: c for c in at}
+        return {} if self._limits is None else self._far_by(self._share_of(trim, self._limits))
+
+    def _far_by(self, share: Array) -> Mapping[str, int]:
+        return {self._channels[c].key: c for c in np.flatnonzero(share >= NOTABLE).tolist()}
 
     @staticmethod
     def _share_of(trim: Array, limits: Envelope) -> Array:

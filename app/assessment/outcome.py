@@ -202,16 +202,16 @@ def against_limits(
         recorded = from_trim._replace(value=values + trace.bias, trim_unknown=unknown)
         exceedances.append(from_trim.first)
         raw.append(recorded.first)
-        beyond = [recorded.worst(rest)]
+        raw_worst = [recorded.worst(rest)]
         if trace.sent is not None and (odd := ~known & np.isfinite(trace.sent[part])).any():
             at, sent = trace.t[part][odd], trace.sent[part][odd]
             implausible.append((float(at[0]), key))
             then = _ends_at(at, c, limits, timeline)
             is_odd = _Judged(key, at, sent, *then, is_named, NOT_PLAUSIBLE)
             failed.append(is_odd.first)
-            beyond.append(is_odd.worst(rest))
+            raw_worst.append(is_odd.worst(rest))
         furthest = from_trim.worst(rest)
-        as_is = max(filter(None, beyond), key=itemgetter(0), default=None)
+        as_is = max(filter(None, raw_worst), key=itemgetter(0), default=None)
         if named := furthest or as_is:
             worst.append(named[1])
         if furthest and as_is and as_is[0] > furthest[0]:
@@ -270,7 +270,8 @@ class _Judged(NamedTuple):
 
     @property
     def first(self) -> RecordedExceedance | None:
-        return next((self.exceedance(i) for i in self.over[:1]), None)
+        over = self.over
+        return self.exceedance(over[0]) if len(over) else None
 
     def worst(self, rest: float) -> tuple[float, RecordedExceedance] | None:
         """Share of the way to the limit of the sample furthest beyond, and that sample."""

@@ -245,9 +245,7 @@ def _judge_all(
     return judged
 
 
-def _judge(
-    flight: RecordedFlight, segment: Segment, trims: TrimSteps | None = None
-) -> JudgedSegment:
+def _judge(flight: RecordedFlight, segment: Segment, trims: TrimSteps | None) -> JudgedSegment:
     """Assess a segment as a stream in flight does, then check its validity.
 
     trims: of a rest, as followed in flight; None for that of the segment.

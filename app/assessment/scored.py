@@ -21,11 +21,11 @@ def sample_type(n_channels: int) -> np.dtype:
     """Type of a scored sample.
 
     t: [s].   y: from trim, as assessed, as recorded where its trim is unknown, NaN where not
-    recorded.   p_value: NaN unless state is
-    `ok`.   withdrawn: p-value where the monitor was not applicable, NaN elsewhere.   alert: false
-    unless state is `ok`.   state: index into core.monitor.assessment.STATES.   manoeuvre: number,
-    or BETWEEN.   y_hat: forecast, NaN without one.   attitude: phi, theta, psi [rad], NaN where not
-    recorded.   trim: that y is measured from; NaN where unknown.
+    recorded.   p_value: NaN unless state is `ok`.   withdrawn: p-value where the monitor was not
+    applicable, NaN elsewhere.   alert: false unless state is `ok`.   state: index into
+    core.monitor.assessment.STATES.   manoeuvre: number, or BETWEEN.   y_hat: forecast, NaN without
+    one.   attitude: phi, theta, psi [rad], NaN where not recorded.   trim: that y is measured from,
+    NaN where unknown.
     """
     return np.dtype(
         [

@@ -639,6 +639,12 @@ class Flight(ABC):
         taken = None if self.head < 0 or self.is_over else self._taken(self.t)
         return None if taken is None else max(self.clock.now() - taken, 0.0)
 
+    def _note_received(self, sample: ReceivedExceedance) -> Exceeded:
+        """Count the exceedance of a received sample."""
+        exceeded = sample.exceeded(self.plan.monitor.dictionary.keys)
+        self.exceedances.add(exceeded, sample.y, sample.limits, sample.recorded)
+        return exceeded
+
     def _exceed(self, sample: ReceivedExceedance, exceeded: Exceeded) -> None:
         """Raise the alarm of a received sample, which may not reach the grid.
 

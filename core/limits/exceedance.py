@@ -390,11 +390,11 @@ class Exceedances:
         return max(values, key=lambda value: abs(value - self._rest[key]))
 
     def _latch(self, t: float, over: Mapping[str, Sequence[_Beyond]], recorded: Array) -> None:
-        for key, (beyond, *_) in over.items():
+        for key, (first, *_) in over.items():
             at = self._interval_at(key, t)
             since = self._latched.get(key)
             if since is None:
-                since = LatchedExceedance(key, at.start, beyond.value, True, at.acknowledged)
+                since = LatchedExceedance(key, at.start, first.value, True, at.acknowledged)
                 self._latched[key] = since
             since.over, since.skipped, since.t = True, False, min(since.t, at.start)
             if at.from_trim is not None:

@@ -429,9 +429,8 @@ class LiveFlight(Flight):
         self, due: Sequence[ReceivedExceedance]
     ) -> list[tuple[ReceivedExceedance, Exceeded]]:
         """Note the exceedances of received samples."""
-        judged = [(sample, sample.exceeded(self._keys)) for sample in due]
+        judged = [(sample, self._note_received(sample)) for sample in due]
         for sample, exceeded in judged:
-            self.exceedances.add(exceeded, sample.y, sample.limits, sample.recorded)
             if not sample.is_plausible:
                 self._implausible = exceeded
         return judged

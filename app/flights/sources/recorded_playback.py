@@ -77,9 +77,8 @@ class RecordedScript(StoredScript):
         self._display = DisplayAttitude(theta0)
         self._displayed = -1
         self._display_scripts = display
-        n_channels = samples["y"].shape[1]
         self._trims = self._trims_of(samples, manoeuvres)
-        self._biases = np.array(biases or [0.0] * n_channels)
+        self._biases = np.array(biases or [0.0] * samples["y"].shape[1])
         first = [(e, False) for e in judged] + [(e, bool(e.get("doubt"))) for e in outside]
         first += [(e, True) for s in manoeuvres if (e := s.get("recorded_exceedance"))]
         worst = [(e, not s["exceedance"]) for s in manoeuvres for e in s.get("worst", ())]
@@ -165,9 +164,8 @@ class RecordedScript(StoredScript):
             t, value, c = each["t"], each["value"], self.keys.index(each["channel"])
             if limits is None or not limits.is_beyond(c, value):
                 continue
-            at = self._at(t)
-            is_known = bool(np.isfinite(self._trims.at(self.t[at])[c]))
-            offset = self._subtracted(at).item(c) if is_known else nan
+            trim = self._trims.at(self.t[self._at(t)])
+            offset = float(trim[c] + self._biases[c])
             is_plausible = each.get("doubt") != NOT_PLAUSIBLE
             both = (
                 (value - offset if is_plausible else nan, value)

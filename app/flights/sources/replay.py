@@ -261,8 +261,7 @@ class TrackFlight(Flight):
             self._restart(float(script.t[k]), script.held_until(k))
             self._pass(k)
         for sample in script.received(k, self._limits(k)):
-            exceeded = sample.exceeded(script.keys)
-            self.exceedances.add(exceeded, sample.y, sample.limits, sample.recorded)
+            exceeded = self._note_received(sample)
             if not due.restarts:
                 self._exceed(sample, exceeded)
         self._furthest, self._at = max(self._furthest, k), k
