@@ -101,6 +101,8 @@ class LatchedExceedance:
     """largest value as recorded in this exceedance if it is further beyond; else null"""
     skipped: bool = False
     """whether a seek passed its samples, so its largest value is not known"""
+    as_recorded: bool = False
+    """whether `value` is as recorded"""
 
 
 def beyond(value: Array, low: Array | float, high: Array | float) -> Indices:
@@ -315,6 +317,7 @@ class Exceedances:
         )
         if not self._interval_at(named.channel, t).acknowledged:
             skipped = LatchedExceedance(named.channel, t, named.value, False, False, skipped=True)
+            skipped.as_recorded = named.judged == "recorded"
             self._latched.setdefault(named.channel, skipped)
         if goes_on:
             self._over.add(named.channel)
@@ -392,15 +395,12 @@ class Exceedances:
     def _latch(self, t: float, over: Mapping[str, Sequence[_Beyond]], recorded: Array) -> None:
         for key, (first, *_) in over.items():
             at = self._interval_at(key, t)
-            since = self._latched.get(key)
-            if since is None:
-                since = LatchedExceedance(key, at.start, first.value, True, at.acknowledged)
-                self._latched[key] = since
-            since.over, since.skipped, since.t = True, False, min(since.t, at.start)
-            if at.from_trim is not None:
-                since.value = at.from_trim[1]
-            elif at.recorded is not None:
-                since.value = at.recorded
+            latched = self._latched.get(key)
+            if latched is None:
+                latched = LatchedExceedance(key, at.start, first.value, True, at.acknowledged)
+                latched.as_recorded = not first.from_trim
+                self._latched[key] = latched
+            latched.over, latched.skipped, latched.t = True, False, min(latched.t, at.start)
         for key in [key for key in self._latched if key not in over]:
             if isnan(recorded.item(self._index[key])):
                 continue
@@ -408,7 +408,19 @@ class Exceedances:
                 del self._latched[key]
             else:
                 self._latched[key].over = False
-        for key, latched in self._latched.items():
-            raw = self._interval_at(key, latched.t).recorded
-            is_further = raw is not None and self._further(key, latched.value, raw) != latched.value
-            latched.recorded = raw if is_further else None
+        for latched in self._latched.values():
+            self._take_peaks(latched, self._current[latched.channel])
+
+    def _take_peaks(self, latched: LatchedExceedance, newest: _Interval) -> None:
+        """The largest values since it was latched; those of its newest interval may have grown."""
+        key, peaks = latched.channel, [newest.recorded, latched.recorded]
+        if newest.from_trim is not None and latched.as_recorded:
+            peaks.append(latched.value)
+            latched.value, latched.as_recorded = newest.from_trim[1], False
+        elif newest.from_trim is not None:
+            latched.value = self._further(key, latched.value, newest.from_trim[1])
+        raw = self._further(key, latched.value, *(peak for peak in peaks if peak is not None))
+        if latched.as_recorded:
+            latched.value, latched.recorded = raw, None
+        else:
+            latched.recorded = raw if raw != latched.value else None

@@ -119,6 +119,28 @@ def test_a_value_of_unknown_trim_is_latched_as_recorded() -> None:
     assert (latched.t, latched.value, latched.recorded) == (1.0, 0.92, None)
 
 
+def test_a_latched_value_as_recorded_grows_with_the_samples_received_later() -> None:
+    """It is never called one from trim; N_y is at a trim of 0.3 g."""
+    log = Exceedances(dict.fromkeys(KEYS, 0.0), near=0.1)
+    for t, ny in ((1.0, 0.56), (1.05, 0.6), (1.1, 0.3), (1.15, 0.3)):
+        recorded, y = (np.where(np.arange(6) == NY, value, 0.0) for value in (ny, ny - 0.3))
+        named = exceedance(KEYS, LIMITS, y, recorded)
+        if named is not None:
+            log.add(Exceeded(t, named), y, LIMITS, recorded)
+        earlier = np.where(np.arange(6) == NY, 0.56, 0.0) if t == 1.05 else recorded
+        on_grid = exceedance(KEYS, LIMITS, earlier - (recorded - y), earlier)
+        log.update(t - 0.05, earlier - (recorded - y), LIMITS, on_grid, earlier)
+    (latched,) = log.latched
+    assert (latched.t, latched.value, latched.recorded) == (1.0, 0.6, None)
+    assert latched.as_recorded
+
+
+def test_a_latched_value_is_the_largest_of_all_exceedances_until_acknowledged() -> None:
+    log = sampled((0.9, 0), (0, 0), (0.6, 0), (0, 0))
+    (latched,) = log.latched
+    assert (latched.t, latched.value) == (0.0, 0.9)
+
+
 def test_an_exceedance_is_latched_until_it_was_acknowledged_and_is_over() -> None:
     log = sampled((0.6, 0), (0.8, 0), (0, 0))
     (latched,) = log.latched
